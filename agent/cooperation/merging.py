@@ -60,7 +60,7 @@ def merge(peer: Proposed, tick: int, own: Wireframe) -> Merged:
     peer.log.map_is_news = True
     walls, fit = peer.trial.walls, fit_on_walls(own, peer.map.wireframe, peer.trial.transform)
     laid = _laid(peer.map, fit.transform, walls)
-    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, laid, tick, tick)
+    return Merged(peer.log, peer.map, fit, walls, laid, tick, tick)
 
 
 def hide_seen_through(peer: Merged) -> Merged:
@@ -125,13 +125,13 @@ def moved(peer: Merged, by: Pose) -> Merged:
     """
     transform = np.array(compose(by, pose_of(peer.transform)))
     laid = _laid(peer.map, transform, peer.walls)
-    return replace(peer, transform=transform, laid=laid, updated=LONG_AGO, watch=Watch())
+    return replace(peer, fit=peer.fit._replace(transform=transform), laid=laid, updated=LONG_AGO, watch=Watch())
 
 
 def _fitted(peer: Merged, received: ReceivedMap, fit: WallFit) -> Merged:
     """The peer with a map of it laid as the fit says."""
     laid = _laid(received, fit.transform, peer.walls)
-    return replace(peer, map=received, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
+    return replace(peer, map=received, fit=fit, laid=laid)
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:

@@ -15,6 +15,7 @@ from agent.alignment.encounter import Encounter
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial, Watch
+from agent.cooperation.wall_fit import WallFit
 from agent.cooperation.weight import NO_WEIGHT, Weight, is_too_large, weigh
 from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
@@ -243,10 +244,8 @@ class Merged:
     log: PeerLog
     map: ReceivedMap
     """The merged map: a newer one takes its place only if it agrees with the own map."""
-    transform: Floats
-    """(3,) the peer's frame in the robot's own: T."""
-    transform_sd_m: float
-    """Standard error of the transform, metres."""
+    fit: WallFit
+    """The transform, and how well it is known."""
     walls: WallEvidence
     """What own scans say of the merged map."""
     laid: Laid
@@ -261,6 +260,11 @@ class Merged:
     """Newer maps in a row that contradict the own map."""
     watch: Watch = field(default_factory=Watch)
     """Whether it is seen where it must be since it was merged."""
+
+    @property
+    def transform(self) -> Floats:
+        """(3,) the peer's frame in the robot's own: T."""
+        return self.fit.transform
 
 
 Peer = Unaligned | Proposed | Merged
@@ -326,7 +330,7 @@ Figures = Mapping[str, object]
 
 
 def transform_sd_m(alignment: Alignment | None) -> float:
-    """Standard error in metres of a transform by its alignment; None: of one that is given."""
-    if alignment is None:
+    """Standard error in metres of a transform by its alignment; of a given one where there is none, or it failed."""
+    if alignment is None or alignment.transform is None:
         return GIVEN_SD_M
     return max(alignment.residual, LEAST_CORNER_SD_M) / math.sqrt(max(alignment.inliers, 1))

@@ -43,7 +43,9 @@ class PeerPlaces:
             if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
                 continue
             pose, drive_m = self._last_pose(tick, peer)
-            spread = math.hypot(TOLD_SD + peer.transform_sd_m, drive_m / STRAIGHT_SDS)
+            # by the turn of its frame, too, which moves far places by more
+            sd_m = peer.fit.sd_at(np.array(peer.log.pose[:2])) if isinstance(peer, Merged) else peer.transform_sd_m
+            spread = math.hypot(TOLD_SD + sd_m, drive_m / STRAIGHT_SDS)
             turn = min(math.pi, TOLD_SD + drive_m / TURNED_M)
             known.append(
                 TeammatePose(

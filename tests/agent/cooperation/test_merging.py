@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from agent.communication.receiving import ReceivedMap
-from agent.cooperation.config import VerificationConfig
+from agent.cooperation.config import CooperationConfig, VerificationConfig
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.merging import merge, refit
-from agent.cooperation.peer import PeerLog, Proposed
+from agent.cooperation.peer import PeerLog, Peers, Proposed
+from agent.cooperation.peer_places import PeerPlaces
 from agent.cooperation.verification import Trial
 from protocol.geometry import apply
-from protocol.wireframe import Wireframe
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe, enclosed
 
 
 def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
@@ -29,6 +31,21 @@ def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
     peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, Wireframe())
     assert peer.laid.hidden.tolist() == [False, False, True]
     assert len(peer.laid.layer.pieces) == len(peer.laid.first_hand.pieces) == 2
+
+
+def test_a_peer_far_from_the_walls_that_both_have_is_known_less_well() -> None:
+    """The turn of its frame moves it by more, the farther off it is."""
+    room = enclosed([np.array([(1.0, 1), (3, 1), (3, 3), (1, 3)])])
+    trial = Trial(VerificationConfig(), np.zeros(3), WallEvidence())
+    trial.walls.lay(room)
+    peers = Peers()
+    places = PeerPlaces(peers, RobotSpec(), CooperationConfig())
+    spread = {}
+    for x in (2.0, 17.0):
+        log = PeerLog("p", pose=(x, 2.0, 0.0), pose_tick=0)
+        peers["p"] = merge(Proposed(log, ReceivedMap(room, 0), trial, 0.01), 0, room)
+        spread[x] = places.teammates(0)[0].covariance[0] ** 0.5
+    assert spread[2.0] < 0.02 and spread[17.0] > 0.05
 
 
 def test_a_merged_map_goes_along_when_the_own_one_turns_in_its_frame() -> None:

@@ -11,10 +11,12 @@ from agent.cooperation import team_views
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Laid, Merged, PeerLog
 from agent.cooperation.team_views import TOLD_A_TICK, TeamViews
+from agent.cooperation.wall_fit import WallFit
 from agent.mapping.layers import layer_of
 from protocol.viewpoints import Looked, Views
 from protocol.wireframe import Wireframe
 
+FIT = WallFit(np.array([10.0, 0.0, 0.0]), np.zeros(2), np.zeros((3, 3)))
 OWN = ([0, 3], [(0.0, 0.0), (0.5, 0.0)])
 
 
@@ -23,9 +25,9 @@ def merged(name: str, own: list[float], heard: list[float], need: int = 0, editi
     places = np.array([(x, 0.0) for x in own + heard]).reshape(-1, 2)
     is_heard = np.arange(len(places)) >= len(own)
     log = PeerLog(name, views=PeerViews(places, np.full(len(places), need), is_heard, editions=editions))
-    empty, transform, hidden = Wireframe(), np.array([10.0, 0.0, 0.0]), np.zeros(0, np.bool_)
-    layer = layer_of(empty, transform, hidden, 1.0)
-    return Merged(log, ReceivedMap(empty, 5), transform, 0.0, WallEvidence(), Laid(hidden, layer, layer), 0, 0)
+    empty, hidden = Wireframe(), np.zeros(0, np.bool_)
+    layer = layer_of(empty, FIT.transform, hidden, 1.0)
+    return Merged(log, ReceivedMap(empty, 5), FIT, WallEvidence(), Laid(hidden, layer, layer), 0, 0)
 
 
 def told(views: TeamViews, asker: str, ticks: int = 20) -> set[float]:
@@ -93,7 +95,7 @@ def test_a_tick_s_viewpoints_fit_the_shortest_message() -> None:
 
 
 def test_ends_that_a_peer_looked_at_in_vain_are_known_in_the_own_frame_and_taken_back_with_its_merge() -> None:
-    peer = replace(merged("b", [1.0], []), transform=np.array((10.0, 0.0, 0.5 * np.pi)))
+    peer = replace(merged("b", [1.0], []), fit=FIT._replace(transform=np.array((10.0, 0.0, 0.5 * np.pi))))
     peer.log.views = peer.log.views._replace(ends=np.array([(2.0, 0.0, 1.0, 0.0)]))
     views = TeamViews()
     views.gather([peer])

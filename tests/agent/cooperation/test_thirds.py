@@ -10,10 +10,11 @@ from agent.communication.receiving import ReceivedMap
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.peer import MOST_FRAMES, Laid, Merged, PeerLog, Proposed, Unaligned
+from agent.cooperation.peer import GIVEN_SD_M, MOST_FRAMES, Laid, Merged, PeerLog, Proposed, Unaligned
 from agent.cooperation.peer_places import STRANGER_S
 from agent.cooperation.team import CIRCLES_S, Team
 from agent.cooperation.verification import THIRD_NATS
+from agent.cooperation.wall_fit import PRIOR_SD, WallFit
 from agent.mapping.layers import layer_of
 from deploy.bench.alignment.pairs import moved
 from protocol.arrays import Floats
@@ -51,7 +52,8 @@ def merged(name: str, transform: Floats, agreed_m: float = 0.0) -> Merged:
     layer = layer_of(received.wireframe, transform, np.zeros(len(WALLS), np.bool_), 3.0)
     laid = Laid(np.zeros(len(WALLS), np.bool_), layer, layer)
     log = PeerLog(name, map=received, encounters=[Encounter((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
-    return Merged(log, received, transform, 0.02, WallEvidence(), laid, 0, 0, agreed_m)
+    fit = WallFit(transform, np.zeros(2), np.diag(PRIOR_SD**2))
+    return Merged(log, received, fit, WallEvidence(), laid, 0, 0, agreed_m)
 
 
 def team_of(said: dict[str, Floats]) -> Team:
@@ -150,6 +152,7 @@ def test_three_that_agree_suffice_without_a_drive_even_where_the_peer_has_seen_o
     half = room()
     half.own[: len(WALLS) // 2] = False
     team.align_maps(1, half)
+    assert team.proposed[0].transform_sd_m == GIVEN_SD_M  # by no alignment
     team.judge(1, half, (0.0, 0.0, 0.0))
     peer = team.peers["p"]
     assert isinstance(peer, Merged) and np.allclose(peer.transform, PEER, atol=0.02)
