@@ -163,7 +163,8 @@ class Robot:
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
         """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""
         viewpoints, ends = self.explorer.viewpoints, self.explorer.goals.in_vain
-        looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
+        is_laid = not (self.team.merged and self._laying.waits)
+        looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends, is_laid)
         places, contacts = self.team.places, self.exchange.contacts
         in_sight = len(scan.discs) > 0 and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
         frames, asks = self.team.frames, self.team.asks_for_views

@@ -230,7 +230,7 @@ class Exchange:
         sends = []
         for peer, since in self._asked_since.items():
             told = self._told[peer]
-            if not told.parts and told.compared == told_version:
+            if not told.parts and not told.untold and told.compared == told_version:
                 told.current = tick
             views = looked.between(since, told.current, self.mtu_bytes, peer)
             if views is not None:

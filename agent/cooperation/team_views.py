@@ -97,6 +97,7 @@ class TeamViews:
         """Tell all again, as some of it no longer holds: nobody's tick of the last one known is as late."""
         self._looked = Looked.nowhere()
         self._waiting = deque[tuple[float, float, str, int]]()
+        self._ready = 0  # of those that wait, the first ones: the map that is told holds what was seen from there
         self._cells = set[int]()
         self._passed_on = dict[str, int]()  # first-hand viewpoints of each peer that were passed on, or known already
         self._own, self._own_tick, self._ends = 0, -1, 0
@@ -147,10 +148,12 @@ class TeamViews:
         own_ticks: Sequence[int],
         own_places: Sequence[tuple[float, float]],
         ends: Sequence[tuple[float, float, int]] = (),
+        is_laid: bool = True,
     ) -> Looked:
         """What may be told: own viewpoints (k,) with their ticks, and merged peers' first-hand ones.
 
         ends: (g,) x, y and turn of open ends that the robot itself looked at in vain, in the order in which it did.
+        is_laid: whether the map that peers are told holds all that was seen by now; else what is new waits for that.
         """
         if len(own_ticks) < self._own:  # every second one was forgotten
             self._begin_anew()
@@ -167,8 +170,11 @@ class TeamViews:
             if len(new):
                 self._passed_on[name] = total
                 self._pass_on(name, new)
-        for _ in range(min(TOLD_A_TICK, len(self._waiting))):
+        if is_laid:
+            self._ready = len(self._waiting)
+        for _ in range(min(TOLD_A_TICK, self._ready)):
             self._looked.add(tick, *self._waiting.popleft())
+            self._ready -= 1
         return self._looked
 
     def _pass_on(self, name: str, places: Floats) -> None:

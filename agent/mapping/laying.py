@@ -22,6 +22,11 @@ class Laying:
         self.merged_anew = False
         """Whether merged maps had changed before the last laying, or which of them there are."""
 
+    @property
+    def waits(self) -> bool:
+        """Whether there is something new that is not laid yet."""
+        return self._own_changed or self._merged_changed
+
     def take_due(self, tick: int, maps: int, own_changed: bool, merged_changed: bool, rests: bool) -> bool:
         """Whether so many merged maps are to be laid in this tick, and count that as done.
 
@@ -31,7 +36,7 @@ class Laying:
         self._merged_changed |= merged_changed
         wait_s = LAY_MORE_S * max(0, maps - 2) + (LAY_COMPLETE_S if rests else 0.0)
         wait_s += 0.0 if self._merged_changed else LAY_S
-        if tick - self._last < in_ticks(wait_s, self._rate_hz) or not (self._merged_changed or self._own_changed):
+        if tick - self._last < in_ticks(wait_s, self._rate_hz) or not self.waits:
             return False
         self._last, self.merged_anew = tick, self._merged_changed
         self._own_changed = self._merged_changed = False

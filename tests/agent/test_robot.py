@@ -13,6 +13,7 @@ from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
+from tests.agent.cooperation.test_team_views import merged
 from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 
@@ -85,6 +86,18 @@ def test_an_own_wall_that_is_new_just_after_a_laying_is_laid_once_that_is_due(mo
         monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
         mind._draw_map(tick, own_changed=tick in (5, 6))
     assert laid == [5, 8]
+
+
+def test_viewpoints_wait_for_the_laying_of_what_was_seen_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    mind, waits = robot(), []
+    mind.team.peers["r2"] = merged("r2", [1.0], [])
+    looked = mind.team.views.looked
+    monkeypatch.setattr(mind.team.views, "looked", lambda *given: waits.append(not given[-1]) or looked(*given))
+    monkeypatch.setattr(mind._laying, "take_due", lambda *_: False)
+    for tick in range(4):
+        monkeypatch.setattr(mind._laying, "_own_changed", tick in (1, 2))
+        mind.step(observation(tick), [])
+    assert waits == [False, True, True, False]
 
 
 def test_no_peer_is_told_its_own_walls(monkeypatch: pytest.MonkeyPatch) -> None:

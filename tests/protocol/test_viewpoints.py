@@ -229,6 +229,18 @@ def test_no_viewpoint_is_told_before_the_map_of_what_was_seen_from_there() -> No
     assert (np.diff(need) >= 0).all() and need[-1] > need[0]
 
 
+def test_no_viewpoint_is_told_while_the_map_of_what_was_seen_from_there_cannot_be() -> None:
+    two = Two()
+    two.run(100)
+    before = two.known
+    two.rooms = 760  # more vertices than travel
+    two.run(150)
+    assert before and two.known - before <= 3
+    two.rooms = 5
+    two.run(60)
+    assert two.known >= 25
+
+
 def test_a_robot_that_began_anew_tells_all_again() -> None:
     two = Two()
     two.run(200)

@@ -144,3 +144,20 @@ def test_what_is_kept_of_a_peer_s_second_hand_viewpoints_has_a_bound(monkeypatch
         peer.log.views = merged("b", [1.0], [20.0 + 2 * k, 21.0 + 2 * k]).log.views._replace(forgotten=(0, 2 * k))
         views.gather([peer])
     assert views.places[:, 0].tolist() == [11.0, 35.0, 36.0, 37.0]
+
+
+def test_what_the_map_that_is_told_does_not_hold_yet_waits_for_that() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], [])])
+    assert len(views.looked(100, *OWN, is_laid=True).ticks) == 3
+    views.gather([merged("b", [1.0, 2.0], [])])
+    assert len(views.looked(101, *OWN, is_laid=False).ticks) == 3
+    assert views.looked(102, *OWN, is_laid=True).ticks[3:] == [102]
+
+
+def test_what_is_in_the_map_is_told_bit_by_bit_though_more_waits_for_it() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [0.5 * k for k in range(20)], [])])
+    views.looked(100, *OWN, is_laid=True)
+    views.gather([merged("b", [0.5 * k for k in range(30)], [])])
+    assert [len(views.looked(101 + k, *OWN, is_laid=False).ticks) for k in range(3)] == [20, 22, 22]
