@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agent.alignment.agreement import contradict, overlap
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
+from agent.alignment.candidates import Candidates, ranked
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.alignment.repetition import rival_score
-from agent.geometry.transform import apart
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart
 from protocol.geometry import Pose, pose_of
 
 

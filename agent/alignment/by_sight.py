@@ -15,11 +15,11 @@ import numpy as np
 
 from agent.alignment.agreement import agreement, contradict, overlap
 from agent.alignment.align import LEAST_CORNERS, Alignment
-from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
+from agent.alignment.candidates import COARSE_M, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import apart, fit_on_points, move
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart, fit_on_points, move
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose, pose_of, wrapped

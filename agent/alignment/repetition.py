@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from agent.alignment.agreement import agreement
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, FINE_M, like_transforms, refine
+from agent.alignment.candidates import FINE_M, like_transforms, refine
 from agent.alignment.feature import Corners, like_walls
 from agent.alignment.prepared import PreparedMap
-from agent.geometry.transform import apart, compose, inverse, move
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart, compose, inverse, move
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 

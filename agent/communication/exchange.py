@@ -129,7 +129,7 @@ class Exchange:
                 news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
-                told.frames = {}
+                told.tell_frames_anew()
                 told.sent, told.tries = LONG_AGO, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
@@ -157,7 +157,7 @@ class Exchange:
     def tell_frames_anew(self) -> None:
         """The robot's map lies otherwise in its frame: peers are told with the next beacon where all frames are now."""
         for told in self._told.values():
-            told.frames = {name: (held, 0) for name, (held, _) in told.frames.items()}
+            told.tell_frames_anew()
 
     def _take(
         self, tick: int, peer: str, message: Heard
@@ -248,10 +248,8 @@ class Exchange:
         return [Send(tick=tick, to=peer, kind=VIEWS, payload=AskViews(known.views_until, frame).encode())]
 
     def _frames_to_tell(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:
-        """To a merged peer, the frames of all others."""
-        if peer not in frames:
-            return []
-        told = self._told[peer]
+        """To a merged peer, the frames of all others; from who is merged no more, what it was told is taken back."""
+        told, frames = self._told[peer], frames if peer in frames else NOBODY
         names = told.take_due_frames((frames.keys() | told.frames.keys()) - {peer}, frames)
         some = in_messages({name: frames.get(name) for name in names}, self.mtu_bytes)
         return [Send(tick=tick, to=peer, kind=FRAMES, payload=one.encode()) for one in some]

@@ -3,8 +3,11 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from agent.communication.config import TalkConfig
 from agent.communication.receiving import KEPT_MAPS
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import Coded, encode_map
@@ -49,21 +52,26 @@ class Told:
     """Direction of the grid of its maps, in steps of AXIS_STEPS a quarter turn."""
     current: int = 0
     """Tick until which it has all that was seen."""
-    frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
-    """Of each peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
+    frames: dict[str, tuple[Pose | None, int]] = field(default_factory=dict)
+    """Of each other: where its frame was told to lie, None where that was taken back, and beacons' periods since."""
+
+    def tell_frames_anew(self) -> None:
+        """All of them are told, or taken back, with the next beacon."""
+        self.frames = {name: (told, 0) for name, (told, _) in self.frames.items()}
 
     def take_due_frames(self, names: Iterable[str], frames: Mapping[str, Pose]) -> list[str]:
         """Of whom the frame, or that there is none any more, is to be told: at once, and 1, 3, 7, ... periods later.
 
-        Counts a period.
+        A frame that contradicts the one told is told at once, too. Counts a period.
         """
         due = []
         for name in sorted(names):
-            held, periods = self.frames.get(name, (False, 0))
-            periods = periods + 1 if held == (name in frames) else 1
-            self.frames[name] = name in frames, periods
+            now, (told, periods) = frames.get(name), self.frames.get(name, (None, 0))
+            periods = 1 if _contradict(now, told) else periods + 1
             if periods & (periods - 1) == 0:
                 due.append(name)
+                told = now
+            self.frames[name] = told, periods
         return due
 
     def take_ack(self, ack: Ack) -> None:
@@ -80,6 +88,13 @@ class Told:
             self.acked, self.current, self.tries = ack.version, max(self.current, ack.version), 0
             self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
             self.parts = [p for p in self.parts if p.version > ack.version]
+
+
+def _contradict(one: Pose | None, other: Pose | None) -> bool:
+    """Whether two words on a frame, None for that there is none, are not the same."""
+    if one is None or other is None:
+        return one is not other
+    return bool(apart(np.array(one), np.array(other), np.zeros(2), DISTINCT_M, DISTINCT_RAD))
 
 
 class MapNews:

@@ -10,14 +10,13 @@ import numpy as np
 
 from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.alignment.encounter import Encounter
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial, Watch
 from agent.cooperation.wall_fit import WallFit
 from agent.cooperation.weight import NO_WEIGHT, Weight, is_too_large, weigh
-from agent.geometry.transform import apart, inverse
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, compose, pose_of
@@ -131,7 +130,11 @@ class PeerLog:
         """Something was heard in the contact that began then. Who has not said in known_ticks of it that it knows the
         robot's frame does so no more: it has undone the merge, or begun anew."""
         if self.knew_me < since < tick - known_ticks:
-            self.knows_me = False
+            self._forget_word()
+
+    def _forget_word(self) -> None:
+        """It does not know the robot's frame: who does tells frames, and what it told before may hold no more."""
+        self.knows_me, self.claim, self.frames = False, None, {}
 
     def take_frame(self, tick: int, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
@@ -158,7 +161,7 @@ class PeerLog:
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
-            self.knows_me = False
+            self._forget_word()
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

@@ -8,7 +8,7 @@ import numpy as np
 from agent.alignment.agreement import BENT_M, EXACT_M, agreement, bear_out, beside, contradict, overlap
 from agent.alignment.align import LEAST_CORNERS, Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus, squared
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, refine_near
+from agent.alignment.candidates import refine_near
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import RANGE_SLACK_M
 from agent.alignment.prepared import PreparedMap, prepare
@@ -16,7 +16,7 @@ from agent.cooperation.peer import PeerLog, Proposed, transform_sd_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.cooperation.wall_fit import WallFit, fit_on_walls
 from agent.geometry.clearance import distances_to_walls
-from agent.geometry.transform import apart
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart
 from protocol.arrays import Floats
 from protocol.geometry import apply, pose_of
 from protocol.messages import RobotSpec

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.cooperation.peer import Merged, Peer, Proposed
-from agent.geometry.transform import compose
+from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, compose
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 from protocol.wireframe import Wireframe

@@ -11,6 +11,9 @@ from agent.kernels import shared_kernel
 from protocol.arrays import Floats
 from protocol.geometry import apply, wrapped
 
+DISTINCT_M = 0.5  # transforms farther apart at the map's centre contradict: twice the least error that counts as wrong
+DISTINCT_RAD = math.radians(10.0)  # the same for their turn
+
 
 def compose(a: Floats, b: Floats) -> Floats:
     """First b, then a: (..., 3) each, broadcast against each other."""

@@ -59,6 +59,30 @@ def test_what_is_taken_back_is_told_too() -> None:
     assert [one.of["c"] is None for one in told(100, 100, both, talker)] == [True] * 3
 
 
+B, C = (0.0, 0.0, 0.0), (1.0, 2.0, 0.5)
+OTHER = (1.0, 2.6, 0.5)
+
+
+@pytest.mark.parametrize("silence", [0, 100])
+@pytest.mark.parametrize("left", [{"b": B}, {}])
+def test_what_is_taken_back_is_told_in_a_later_contact_too_and_to_who_is_merged_no_more(silence, left) -> None:
+    talker = Exchange(TalkConfig(), 5.0, MTU_BYTES)
+    told(0, 100, {"b": B, "c": C}, talker)
+    for tick in range(100, 100 + silence):
+        talker.hear(tick, [])
+        talker.talk(tick, B, lambda _: Wireframe(), 0, frames=left)
+    assert [one.of for one in told(100 + silence, 100, left, talker)] == [{"c": None}] * 3
+
+
+def test_a_frame_that_contradicts_the_one_told_is_told_at_once() -> None:
+    talker = Exchange(TalkConfig(), 5.0, MTU_BYTES)
+    assert len(told(0, 450, {"b": B, "c": C}, talker)) == 5
+    near = (1.0, 2.3, 0.5)
+    assert not told(450, 100, {"b": B, "c": near}, talker)
+    found = told(550, 50, {"b": B, "c": OTHER}, talker)
+    assert [one.of["c"] for one in found] == [pytest.approx(OTHER, abs=0.001)] * 2
+
+
 def test_nobody_is_told_of_itself_nor_alone() -> None:
     assert not told(0, 200, {"b": (0.0, 0.0, 0.0)})
     assert not told(0, 200, {"c": (0.0, 0.0, 0.0)})  # it has not merged b

@@ -107,9 +107,12 @@ def test_who_no_longer_knows_the_robots_frame_is_a_stranger_again(later: dict[st
         team.hear(tick, [news], (0.0, 0.0, 0.0), SCAN, Wireframe())
 
     hear(tick=1, frame=PEER)
+    log = team.peers["a"].log
+    log.take_frames({"c": pose_of(TRUE["c"])})
     assert not team.places.is_stranger_to(["a"])
     hear(**later)
     assert team.places.is_stranger_to(["a"]) is stranger
+    assert (log.claim is None) is stranger and not (stranger and log.frames)  # nor does its word of then count
 
 
 def test_the_word_of_most_is_taken() -> None:
