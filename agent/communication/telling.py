@@ -1,7 +1,7 @@
 """The map that one peer was told, and the parts of the next update: all of it, or what changed since (ours)."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -147,7 +147,9 @@ class Telling:
         if base is not None and base.axis != told.axis:
             base = None
         if self._news is None or not self._news.are_of(wireframe, told.axis, base):
-            new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
+            likelihood = wireframe.likelihood if config.likelihoods else np.ones_like(wireframe.likelihood)
+            as_told = replace(wireframe, likelihood=likelihood)
+            new = quantise(as_told, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
             self._news = MapNews(wireframe, told.axis, base, new, config.likelihoods)
         new = self._news.new
         if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):

@@ -40,9 +40,15 @@ class Pair:
     """Two exchanges and what is between them. Robot a has a map that changes, b has none."""
 
     def __init__(
-        self, mtu_bytes: int = MTU_BYTES, seed: int = 0, loss: float = 0.0, latency: int = 1, wants_maps: bool = False
+        self,
+        mtu_bytes: int = MTU_BYTES,
+        seed: int = 0,
+        loss: float = 0.0,
+        latency: int = 1,
+        wants_maps: bool = False,
+        likelihoods: bool = True,
     ) -> None:
-        self.mtu_bytes, self.wants_maps = mtu_bytes, wants_maps
+        self.mtu_bytes, self.wants_maps, self.config = mtu_bytes, wants_maps, TalkConfig(likelihoods=likelihoods)
         self.rng, self.loss, self.latency = np.random.default_rng(seed), loss, latency
         self.tick = 0
         self.robots = {name: self.new() for name in "ab"}
@@ -54,7 +60,7 @@ class Pair:
         """The newest map that was received, by receiver and sender."""
 
     def new(self) -> Exchange:
-        return Exchange(TalkConfig(), RATE_HZ, self.mtu_bytes, self.wants_maps)
+        return Exchange(self.config, RATE_HZ, self.mtu_bytes, self.wants_maps)
 
     def show(self, wireframe: Wireframe) -> None:
         self.map, self.state = wireframe, self.state + 1
@@ -134,6 +140,15 @@ def test_noise_is_not_sent() -> None:
     pair.show(comb(20, 0.03))
     pair.run(30)
     assert pair.kinds("a")["delta"] == 1 and pair.agrees()
+
+
+@pytest.mark.parametrize("likelihoods", [True, False])
+def test_likelihoods_that_are_not_told_are_no_news(likelihoods: bool) -> None:
+    pair = Pair(likelihoods=likelihoods)
+    for k in range(4):
+        pair.show(replace(comb(20), likelihood=np.full(80, 1.0 - 0.5 * (k % 2), np.float32)))
+        pair.run(30)
+    assert pair.kinds("a")["delta"] == (3 if likelihoods else 0)
 
 
 def test_changes_are_told_at_most_every_period() -> None:
