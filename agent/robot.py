@@ -166,7 +166,8 @@ class Robot:
         is_laid = not (self.team.merged and self._laying.waits)
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends, is_laid)
         places, contacts = self.team.places, self.exchange.contacts
-        in_sight = len(scan.discs) > 0 and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
+        in_sight = self.config.cooperation.sharing and len(scan.discs) > 0
+        in_sight = in_sight and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
         frames, asks = self.team.frames, self.team.asks_for_views
         return self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
 

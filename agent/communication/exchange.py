@@ -134,7 +134,7 @@ class Exchange:
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
             match said:
-                case Beacon():
+                case Beacon() if one.beacon is None or said.tick >= one.beacon.tick:
                     one = one._replace(beacon=said)
                 case ReceivedMap():
                     one = one._replace(map=said)

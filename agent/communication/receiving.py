@@ -70,6 +70,8 @@ class Known:
 
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the newest, and those that it may still tell changes to."""
+    map_tick: int = 0
+    """When the newest was so: its version, or when it came, as nobody's map is of the future."""
     arriving: Arriving | None = None
     views: PeerViews = field(default_factory=PeerViews)
     views_asked: bool = False
@@ -91,7 +93,7 @@ class Known:
 
     def map(self) -> ReceivedMap | None:
         """The newest map; None before the first."""
-        return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None
+        return ReceivedMap(self.maps[self.newest].wireframe(), self.map_tick) if self.maps else None
 
     def take_part(
         self, tick: int, part: Part, patience_ticks: int, period_ticks: int
@@ -132,6 +134,7 @@ class Known:
         whole = decode_map(body, self.maps[part.base] if part.base else None)
         kept = {version: old for version, old in self.maps.items() if version >= part.base} | {part.version: whole}
         self.maps = {version: kept[version] for version in sorted(kept)[-KEPT_MAPS:]}
+        self.map_tick = min(part.version, tick)
         return Ack(part.version), self.map()
 
     def take_views(self, views: Views) -> PeerViews | None:
@@ -141,7 +144,7 @@ class Known:
         self.views_asked = False
         old = self.views if views.since else PeerViews(editions=self.views.editions + 1)
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
-        need = np.concatenate((old.need, np.full(len(views.points), self.newest)))[-KEPT_VIEWS:]
+        need = np.concatenate((old.need, np.full(len(views.points), self.map_tick)))[-KEPT_VIEWS:]
         heard = np.concatenate((old.heard, np.arange(len(views.points)) >= len(views.cells)))
         from_others, cut = int(heard[:-KEPT_VIEWS].sum()), max(len(heard) - KEPT_VIEWS, 0)
         forgotten = old.forgotten[0] + cut - from_others, old.forgotten[1] + from_others

@@ -190,15 +190,15 @@ class PeerLog:
         """Let a map wait to be taken, in place of an older one."""
         self.waiting, self.waiting_weight = received, weigh(received.wireframe)
 
-    def take_map(self, tick: int, known: Iterable[Weight]) -> bool:
+    def take_map(self, known: Iterable[Weight]) -> bool:
         """Take the map that waits, unless it is too large beside all known maps; True when it begins to wait for that.
 
-        known: of the own map and those that other peers have merged into it. Nobody's map is of the future.
+        known: of the own map and those that other peers have merged into it.
         """
         waiting, waited = self.waiting, self.waits
         self.waits = waiting is not None and all(is_too_large(self.waiting_weight, one) for one in known)
         if waiting is not None and not self.waits:
-            self.map, self.map_is_news = waiting._replace(tick=min(waiting.tick, tick)), True
+            self.map, self.map_is_news = waiting, True
             self.weight, self.waiting = self.waiting_weight, None
         return self.waits and not waited
 

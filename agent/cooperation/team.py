@@ -144,7 +144,7 @@ class Team:
             if (beacon := news.beacon) is not None:
                 self._take_beacon(tick, peer, news.since, beacon, alone)
             self._take_word(tick, peer.log, news)
-        self._take_maps(tick, own)
+        self._take_maps(own)
         if self._looks.take_due(tick):
             for proposed in self.proposed:
                 self._ask_thirds(proposed)
@@ -208,7 +208,7 @@ class Team:
         if news.views is not None:
             log.views, self._views_changed = news.views, True
 
-    def _take_maps(self, tick: int, own: Wireframe) -> None:
+    def _take_maps(self, own: Wireframe) -> None:
         """Take those of the maps that wait which are not too large."""
         waiting = [peer for peer in self.peers.values() if peer.log.waiting is not None]
         if not waiting:
@@ -216,7 +216,7 @@ class Team:
         mine = weigh(own)
         for peer in waiting:
             others = (other.log.weight for other in self.merged if other is not peer)
-            if peer.log.take_map(tick, [mine, *others]):
+            if peer.log.take_map([mine, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
 
     def _hears_one(self, tick: int, told: Sequence[News]) -> bool:

@@ -1,5 +1,6 @@
 """One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
+from tests.agent.alignment.test_by_sight import SCAN
 from tests.agent.cooperation.test_team_views import merged
 from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
@@ -137,6 +139,16 @@ def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
         (0, "beacon", "*"), (10, "beacon", "*"), (10, "map", "r2"),
     ]  # fmt: skip
     assert len(decode_map(Part.decode(sent[-1][1].payload).body).cells) >= 4
+
+
+@pytest.mark.parametrize(("sharing", "ticks"), [(True, [0, 5, 10, 15, 20]), (False, [0])])
+def test_who_shares_no_map_needs_not_be_seen(sharing: bool, ticks: list[int]) -> None:
+    mind = Robot("r1", SPEC, AgentConfig.model_validate({"cooperation": {"sharing": sharing}}), seed=3)
+    mind.exchange.hear(0, [beacon(0)])
+    mind.exchange._beacon_due = False
+    scan = replace(SCAN, discs=np.array([(1.0, 0.0)]))
+    told = [tick for tick in range(25) for send in mind._talk(tick, (0.0, 0.0, 0.0), scan) if send.kind == "beacon"]
+    assert told == ticks
 
 
 def test_a_robot_keeps_to_the_radio_s_mtu() -> None:

@@ -8,10 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.communication.exchange import Exchange
-from agent.communication.receiving import PeerViews
+from agent.communication.receiving import Known, PeerViews
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
+from protocol.grid_map import quantise
+from protocol.map_codec import encode_map
 from protocol.messages import MTU_BYTES, Heard, Send
+from protocol.talk import Part
 from protocol.viewpoints import CELL_M, TURNS, VIEWS, AskViews, Looked, Views, decode_views, turn_of_end
 from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
 
@@ -227,6 +230,15 @@ def test_no_viewpoint_is_told_before_the_map_of_what_was_seen_from_there() -> No
     assert two.known >= 28
     need = two.seen.need
     assert (np.diff(need) >= 0).all() and need[-1] > need[0]
+
+
+def test_viewpoints_of_a_peer_whose_clock_is_ahead_are_of_the_map_that_came_before_them() -> None:
+    known, body = Known(), encode_map(quantise(comb(1), 10, 0)).data
+    _, received = known.take_part(100, Part(101, 0, 0, 1, body), 150, 25)
+    known.views_asked = True
+    views = known.take_views(Views(0, 102, np.array([(1, 1)])))
+    assert received is not None and views is not None
+    assert views.need.tolist() == [received.tick] == [100]
 
 
 def test_no_viewpoint_is_told_while_the_map_of_what_was_seen_from_there_cannot_be() -> None:

@@ -358,6 +358,13 @@ def test_what_another_program_says_is_passed_over_and_the_rest_is_read() -> None
     assert list(hear.contacts) == ["a"]
 
 
+def test_of_two_beacons_in_a_tick_the_newer_one_counts() -> None:
+    said = [Beacon(tick, (x, 0.0, 0.0)).encode() for tick, x in ((11, 2.0), (9, 1.0))]
+    for payloads in (said, said[::-1]):
+        heard = [Heard(tick=12, sender="a", kind="beacon", payload=payload) for payload in payloads]
+        assert [one.beacon for one in Pair().robots["b"].hear(12, heard)[0]] == [Beacon(11, (2.0, 0.0, 0.0))]
+
+
 def test_a_flood_of_changes_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[int] = []
 

@@ -69,5 +69,5 @@ def test_a_map_that_would_take_long_to_compare_waits_whatever_its_bends_are() ->
 def test_a_map_of_many_waits_until_another_merged_peer_tells_one_of_its_weight() -> None:
     log, own, crowd = PeerLog("x"), a_look_around(), strewn(120)
     log.offer_map(ReceivedMap(crowd, 1))
-    assert log.take_map(2, [weigh(own)]) and log.map is None
-    assert not log.take_map(3, [weigh(own), weigh(strewn(60))]) and log.map is not None and log.waiting is None
+    assert log.take_map([weigh(own)]) and log.map is None
+    assert not log.take_map([weigh(own), weigh(strewn(60))]) and log.map is not None and log.waiting is None
