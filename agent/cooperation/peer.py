@@ -32,7 +32,7 @@ MOST_SPEED = 1.5
 """Times a robot's top speed: who seems to have driven faster was started anew, in another frame. A smaller jump is one
 by which its map corrected its pose."""
 KNOWN_S = 16.0
-"""Who has merged the robot's map says so in the first and the third beacon's period of each contact, of 5 s at most."""
+"""Who has merged the robot's map says so in the first two periods of beacons of each contact, of 5 s at most."""
 GIVEN_SD_M, LEAST_CORNER_SD_M = 0.1, 0.01
 """Standard error of a transform that no alignment gave, and least one of a corner in it: that of a range."""
 

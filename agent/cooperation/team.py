@@ -317,7 +317,7 @@ class Team:
             self.undo(new, "its later maps contradict it", figures)
 
     def conclude(self, tick: int, own: Wireframe) -> None:
-        """Weigh the last maps for all proposals, however little they have grown, as none will come after them.
+        """Weigh the last maps for all proposals that have grown by some walls at all, as none will come after them.
 
         Transforms of merged peers are fitted anew: the own map may have closed a loop since the last map was heard.
         """
