@@ -11,7 +11,6 @@ import json
 import struct
 import sys
 import time
-from contextlib import suppress
 from queue import SimpleQueue
 
 import msgpack
@@ -30,8 +29,7 @@ class Wall:
         self.sums, self.middle = sums, sums[1] / sums[0]
         self.along = np.sqrt(sums[2] - sums[1] * self.middle)
         self.along *= np.sign((np.conj(self.along) * (points[-1] - points[0])).real) / abs(self.along)
-        reach = self.of(points).real
-        self.ends = self.middle + np.array([reach.min(), reach.max()]) * self.along
+        self.ends = self.middle + np.sort(self.of(points).real)[[0, -1]] * self.along
 
     def of(self, points: np.ndarray) -> np.ndarray:
         """Points as places along the line and, imaginary, to its left."""
@@ -40,8 +38,7 @@ class Wall:
     def continues(self, other: "Wall") -> bool:
         """Whether two walls are parts of one that lie beside each other."""
         (low, high), (first, last) = self.of(self.ends).real, self.of(other.ends)
-        beside = low - 0.1 < last.real > first.real < high + 0.1
-        return bool(beside and max(abs(first.imag), abs(last.imag)) < OFF_M)
+        return bool(low - 0.1 < last.real > first.real < high + 0.1 and max(abs(first.imag), abs(last.imag)) < OFF_M)
 
 
 def straight(points: np.ndarray) -> list[np.ndarray]:
@@ -122,31 +119,23 @@ class BareRobot:
         return struct.pack("<4sBII", b"WSWF", 1, 2 * n, n) + ends + rest
 
 
-def joined(session: zenoh.Session, robot: str) -> dict:
-    """The world's Welcome, asked for until it comes; ends the program where the world refuses."""
-    question = msgpack.packb({"version": 3, "robot": robot, "session": str(session.info.zid())})
-    while True:
-        for reply in session.get(f"robots/{robot}/srv/join", payload=question):
-            if reply.ok:
-                return msgpack.unpackb(reply.ok.payload.to_bytes())
-            with suppress(Exception):  # other errors are of Zenoh itself
-                sys.exit(f"{robot} is not let in: {msgpack.unpackb(reply.err.payload.to_bytes())['reason']}")
-        time.sleep(0.2)
-
-
 def main(robot: str, endpoint: str) -> None:
     """Live in the world at an endpoint."""
     settings = {"mode": "client", "connect": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
-    block = {"congestion_control": zenoh.CongestionControl.BLOCK, "express": True}
-    inbox, said = SimpleQueue(), {"tick": -1}
+    box, said, how = SimpleQueue(), {"tick": -1}, {"congestion_control": zenoh.CongestionControl.BLOCK, "express": True}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
-        explorer = BareRobot(joined(session, robot)["spec"])
-        session.declare_subscriber(f"robots/{robot}/in/**", lambda one: inbox.put((str(one.key_expr), one.payload)))
-        out = {name: session.declare_publisher(f"robots/{robot}/out/{name}", **block) for name in ("map", "act")}
+        told, me = b"", msgpack.packb({"version": 3, "robot": robot, "session": str(session.info.zid())})
+        while b"spec" not in told and b"reason" not in told:  # no world is there yet
+            time.sleep(0.2)
+            told = b"".join(bytes((r.ok or r.err).payload) for r in session.get(f"robots/{robot}/srv/join", payload=me))
+        told = msgpack.unpackb(told)
+        explorer = BareRobot(told["spec"] if "spec" in told else sys.exit(f"{robot} is not let in: {told['reason']}"))
+        session.declare_subscriber(f"robots/{robot}/in/**", lambda one: box.put((str(one.key_expr), one.payload)))
+        out = {name: session.declare_publisher(f"robots/{robot}/out/{name}", **how) for name in ("map", "act")}
         while not all(publisher.matching_status.matching for publisher in out.values()):
             time.sleep(0.01)
         with session.liveliness().declare_token(f"robots/{robot}/alive"):
-            while not (come := inbox.get())[0].endswith("/end"):
+            while not (come := box.get())[0].endswith("/end"):
                 if come[0].endswith("/obs"):
                     seen = msgpack.unpackb(come[1].to_bytes())
                     if seen["tick"] != said["tick"]:
