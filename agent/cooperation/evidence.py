@@ -58,24 +58,23 @@ class WallEvidence:
     def lay(self, wireframe: Wireframe, fresh: Bools | None = None) -> None:
         """Take a newer map of the same sender; what is known of pieces that it still has is kept.
 
-        fresh: (k,) of the pieces of `pieces_of`, for those that are new; None: these are. What own scans have found of
-        the others since counts, though it is in the own map by now.
+        fresh: (k,) for the pieces of `pieces_of`; None: as before, and pieces that are new are fresh.
         """
         pieces, wall = pieces_of(wireframe)
         keys = _keys(pieces)
         order = np.argsort(self._keys, kind="stable")
-        on, through = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.int64)
-        fresh = np.ones(len(keys), np.bool_) if fresh is None else fresh.copy()
+        on, through, was_fresh = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.int64), np.ones(len(keys), bool)
         if len(order):
             before = self._keys[order]
             at = np.minimum(np.searchsorted(before, keys), len(order) - 1)
             known = before[at] == keys
             same = order[at[known]]
-            on[known], through[known], fresh[known] = self.on[same], self.through[same], self.fresh[same]
+            on[known], through[known], was_fresh[known] = self.on[same], self.through[same], self.fresh[same]
         self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
         self._sizes = lengths(wireframe.segments())[wall]
         self._boxes, self._doubted = _boxes_of(pieces), True
-        self.on, self.through, self.fresh = on, through, fresh
+        self.on, self.through = on, through
+        self.fresh = was_fresh if fresh is None else fresh
 
     def look(self, transform: Floats, view: View) -> None:
         """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's own."""

@@ -12,7 +12,6 @@ from agent.alignment.candidates import refine_near
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import RANGE_SLACK_M
 from agent.alignment.prepared import PreparedMap, prepare
-from agent.cooperation.evidence import fresh_pieces
 from agent.cooperation.peer import PeerLog, Proposed, transform_sd_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.cooperation.wall_fit import WallFit, fit_on_walls
@@ -121,7 +120,7 @@ class Aligner:
         in_reach = (np.hypot(*(there - here).T) <= self.reach_m).all()
         return said if in_reach else replace(said, transform=None, reason="impossible")
 
-    def compare(self, peer: Proposed, own: Wireframe, said: Alignment) -> None:
+    def compare(self, peer: Proposed, said: Alignment) -> None:
         """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
         assert peer.log.map is not None
         centre = peer.log.map.wireframe.points.mean(0)
@@ -135,8 +134,7 @@ class Aligner:
             peer.trial.transform, peer.transform_sd_m = np.array(said.transform), transform_sd_m(said)
         if same and not against:
             peer.map = peer.log.map
-            theirs = peer.map.wireframe
-            peer.trial.walls.lay(theirs, fresh_pieces(theirs, peer.transform, own))
+            peer.trial.walls.lay(peer.map.wireframe)
 
     def align_by_sight(self, log: PeerLog, own: Wireframe) -> tuple[Consensus, Alignment] | None:
         """The transform by new sightings, and the alignment near it; None where either cannot be told."""

@@ -294,7 +294,7 @@ class Team:
         self.aligner.take_growth(log, own)
         said = self.aligner.align(log, own)
         if isinstance(peer, Proposed):
-            self.aligner.compare(peer, own, said)
+            self.aligner.compare(peer, said)
         elif said.transform is None:
             self._say("attempt", log, said.reason, said.best, said.figures())
             log.sighting_is_news = len(log.sightings) > 0  # the walls that both have may tell now
@@ -325,7 +325,7 @@ class Team:
         for peer in self.proposed:
             if self.aligner.has_grown(peer.log, own, 0.0) and not off_its_map(peer.log, reach_m):
                 self.aligner.take_growth(peer.log, own)
-                self.aligner.compare(peer, own, self.aligner.align(peer.log, own))
+                self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:
             self._update(tick, merged, own)

@@ -5,14 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agent.alignment.align import Alignment
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.encounter import Encounter
 from agent.communication.exchange import News
-from agent.communication.receiving import ReceivedMap
 from agent.cooperation.config import CooperationConfig, VerificationConfig
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of, sees_place
-from agent.cooperation.peer import PeerLog, Unaligned
 from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
 from agent.mapping.views import view_of
@@ -128,21 +124,6 @@ def test_pieces_on_own_walls_are_not_fresh_wherever_the_sender_s_frame_lies() ->
         fresh = fresh_pieces(replace(theirs, points=seen_from(frame, theirs.points)), np.array(frame), own)
         assert not fresh[wall < 4].any()
         assert fresh[np.isin(wall, (4, 5, 6, 7, 9, 11))].all()
-
-
-def test_of_a_later_map_what_lies_on_own_walls_is_not_fresh_but_what_was_found_stays_so() -> None:
-    first, second = (np.array([(x, 0.0), (x + 5.0, 0.0), (x + 5.0, 4.0), (x, 4.0)]) for x in (0.0, 10.0))
-    own, theirs, here = enclosed([second]), enclosed([first, second]), (0.0, 0.0, 0.0)
-    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0))
-    log = PeerLog("q", map=ReceivedMap(enclosed([first]), 0), encounters=[Encounter(here, here)])
-    proposed = team.propose(Unaligned(log), here, own, {})
-    walls = proposed.trial.walls
-    assert walls.fresh.all()
-    found = len(walls.pieces)
-    log.map = ReceivedMap(theirs, 1)
-    mapped_since = theirs  # the robot has found the first room where the peer said that it is
-    team.aligner.compare(proposed, mapped_since, Alignment(here, "aligned", inliers=20, best=here))
-    assert len(walls.pieces) > found and walls.fresh.sum() == found
 
 
 @pytest.mark.parametrize(("late", "seen"), [
