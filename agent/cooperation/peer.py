@@ -69,9 +69,8 @@ class PeerLog:
     """What was seen at messages, each after one of the two had moved; the newest ones."""
     sighting_is_news: bool = False
     """Whether the newest sighting was not used for an alignment yet."""
-    aligned_walls: tuple[int, int] | None = (0, 0)
-    """Walls that the owners saw themselves, of the own map and of the peer's, from which they must grow: at the last
-    alignment or proposal. None: a transform was given up since, so those of now count."""
+    aligned_walls: tuple[int, int] = (0, 0)
+    """Walls that the owners saw themselves, of the own map and of the peer's, at the last alignment."""
     growth: float = 0.0
     """Share of them that one map must gain before the next alignment."""
     is_off_map: bool = False

@@ -72,12 +72,8 @@ class Aligner:
         return self._own[1]
 
     def has_grown(self, log: PeerLog, own: Wireframe, growth: float) -> bool:
-        """Whether one of two maps has gained this share of its walls since both were aligned, and both have enough.
-
-        Where a transform was given up since, it must gain it from now on.
-        """
+        """Whether one of two maps has gained this share of its walls since both were aligned, and both have enough."""
         counts = _own_walls(log, own)
-        log.aligned_walls = log.aligned_walls or counts
         grown = any(
             now >= before + max(RETRY_WALLS, growth * before)
             for now, before in zip(counts, log.aligned_walls, strict=True)

@@ -400,7 +400,6 @@ class Team:
         trial = Trial(self.config.verification, t, walls, 0 if how == "aligned" else 2)
         for sighting in log.sightings:
             self._weigh(trial, sighting)
-        self.aligner.take_growth(log, own)
         proposed = self.peers[log.name] = Proposed(log, log.map, trial, transform_sd_m(alignment))
         self._ask_thirds(proposed)
         self.queue.add(proposed)
@@ -469,7 +468,7 @@ class Team:
         self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
     def _forget_transform(self, peer: Proposed | Merged) -> None:
-        peer.log.growth, peer.log.aligned_walls = REJECTED_GROWTH, None
+        peer.log.growth = REJECTED_GROWTH
         self.peers[peer.log.name] = Unaligned(peer.log)
 
     def merge(self, peer: Proposed, tick: int, own: Wireframe) -> Merged:

@@ -95,6 +95,7 @@ class ForcedRun:
     def _force(self, robot: Robot, peer: Unaligned, theirs: Wireframe, tick: int) -> None:
         kind, name = KINDS[len(self.forced) % len(KINDS)], peer.log.name
         robot.team.propose(peer, self._wrong(kind, robot, peer, theirs), robot.own, {"forced": True})
+        peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
         self.open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 

@@ -1,7 +1,5 @@
 """A proposal that only seeing the peer can decide waits for the next contact, and no further drive is made for it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -116,32 +114,3 @@ def test_who_is_off_its_own_map_is_aligned_when_it_is_back_and_that_is_said_once
     off = (50.0, 50.0, 0.0)
     said = heard_by({1: off, 3: off, 6: BESIDE})
     assert said == [(1, "its place is off its own map"), (6, "aligned")]
-
-
-def met_with(own: Wireframe) -> tuple[Team, Unaligned]:
-    """A team that has met a peer with a whole map, and has aligned it with an own one."""
-    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0))
-    log = PeerLog("r2", encounters=[Encounter((1.5, 3.5, 0.0), BESIDE)], pose=BESIDE, map=ReceivedMap(maze(0), 10))
-    team.peers["r2"] = peer = Unaligned(log)
-    team.aligner.take_growth(log, own)
-    return team, peer
-
-
-def test_after_an_undone_merge_maps_must_grow_from_what_they_are_then() -> None:
-    """They were aligned at once where they had grown since the proposal, and gave the same transform again."""
-    whole = maze(0)
-    young, grown = (replace(whole, own=np.arange(len(whole.own)) < count) for count in (20, 32))
-    team, peer = met_with(young)
-    team.undo(team.merge(team.propose(peer, HERE, young, {}), 20, young), "its place is empty", {})
-    for tick, own in ((30, grown), (31, grown)):
-        team.align_maps(tick, own)
-        assert isinstance(team.peers["r2"], Unaligned)
-    team.align_maps(32, whole)
-    assert isinstance(team.peers["r2"], Proposed)
-
-
-def test_maps_that_a_proposal_has_used_are_no_later_ones() -> None:
-    team, peer = met_with(Wireframe())
-    proposed = team.propose(peer, HERE, maze(0), {}, how="told")
-    team.align_maps(11, maze(0))
-    assert team.peers["r2"] is proposed and proposed.trial.nats["later_maps"] == 0.0
