@@ -20,7 +20,7 @@ from protocol.certificates import AUTHORITY, RESERVED, ROSTER, Identity, read_ro
 from protocol.document import read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
-from protocol.messages import ID
+from protocol.messages import ID, MAX_ROBOTS
 
 VALID = timedelta(days=730)
 """Of an identity: longer than robots go without a visit, and a key that was lost unnoticed does not count for ever."""
@@ -29,8 +29,6 @@ EARLIER = timedelta(days=2)
 """Certificates are valid from so long before they were made, as clocks of robots are wrong."""
 HERE = ("localhost", "127.0.0.1", "::1", WORLD)
 """Addresses that the world's certificate always has; the last is its name among containers."""
-MAX_ROBOTS = 500
-"""As of a run."""
 
 
 class Signed(NamedTuple):

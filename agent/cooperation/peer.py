@@ -20,9 +20,8 @@ from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, compose, pose_of
+from protocol.messages import MAX_ROBOTS
 
-MOST_FRAMES = 256
-"""Others of whose frames one peer may tell (ours): more than there are robots in any run."""
 ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: five minutes of beacons, or one of those in
 sight."""
@@ -32,7 +31,9 @@ MOST_SPEED = 1.5
 """Times a robot's top speed: who seems to have driven faster was started anew, in another frame. A smaller jump is one
 by which its map corrected its pose."""
 KNOWN_S = 16.0
-"""Who has merged the robot's map says so in the first two periods of beacons of each contact, of 5 s at most."""
+"""Who has merged the robot's map says so in the first two periods of beacons of its own contact, of 5 s at most. The
+robot's may begin later, where it alone heard nothing for a while. Then that word comes later, too; what the peer told
+of frames holds until it is taken back."""
 GIVEN_SD_M, LEAST_CORNER_SD_M = 0.1, 0.01
 """Standard error of a transform that no alignment gave, and least one of a corner in it: that of a range."""
 
@@ -130,11 +131,7 @@ class PeerLog:
         """Something was heard in the contact that began then. Who has not said in known_ticks of it that it knows the
         robot's frame does so no more: it has undone the merge, or begun anew."""
         if self.knew_me < since < tick - known_ticks:
-            self._forget_word()
-
-    def _forget_word(self) -> None:
-        """It does not know the robot's frame: who does tells frames, and what it told before may hold no more."""
-        self.knows_me, self.claim, self.frames = False, None, {}
+            self.knows_me = False
 
     def take_frame(self, tick: int, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
@@ -147,7 +144,7 @@ class PeerLog:
         for name, frame in others.items():
             if frame is None:
                 self.frames.pop(name, None)
-            elif name in self.frames or len(self.frames) < MOST_FRAMES:
+            elif name in self.frames or len(self.frames) < MAX_ROBOTS:
                 self.frames[name] = np.array(frame)
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
@@ -161,7 +158,7 @@ class PeerLog:
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
-            self._forget_word()
+            self.knows_me, self.claim, self.frames = False, None, {}
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

@@ -262,7 +262,10 @@ class Roads:
 
     @cached_property
     def of_teammates(self) -> "Roads":
-        """The roads that teammates take: they lead through teammates, as none stands in its own way."""
+        """The roads that teammates take: they lead through teammates, as none stands in its own way.
+
+        That one may stand in another's is left away.
+        """
         return self._of_teammates() if self._of_teammates else self
 
     def standable(self, points: Floats) -> Bools:

@@ -42,9 +42,10 @@ MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
 table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""
 MOST_VIEWS = 400_000_000
-"""Bytes of that table at most, those of a maze of 80 m: where samples lie scattered, of standing points the nearest."""
-MOST_AWAY = 1500
-"""Samples, 150 m, by which those of the free area go at most beyond where the robot itself has been. The largest mazes
+"""Bytes of that table at most, those of a maze of 80 m: where samples lie scattered, of standing points beside any the
+nearest."""
+MOST_AWAY_M = 150.0
+"""Metres by which those of the free area go at most beyond where the robot itself has been. The largest mazes
 measure 141 m across. A merged peer that lies may tell of four walls around square kilometres."""
 MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
 MOST_SLIVERS = 2 * MOST_KEPT  # most samples kept that sweeps have left, two of each at most; the oldest are forgotten
@@ -128,6 +129,16 @@ def _nearest(points: Floats, here: Floats, most: int) -> Floats:
     return points[np.sort(np.argsort(away, kind="stable")[:most])]
 
 
+def _beside(points: Floats, samples: Floats, radius: float) -> Bools:
+    """Which of points (n, 2) have samples (m, 2) nearby: all within a radius, and none beyond three of them."""
+    low = np.minimum(points.min(0), samples.min(0)) - radius
+    cells, held = ((points - low) / radius).astype(np.int64), ((samples - low) / radius).astype(np.int64)
+    taken = np.zeros(np.maximum(cells.max(0), held.max(0)) + 2, np.bool_)
+    for dx, dy in np.ndindex(3, 3):
+        taken[held[:, 0] + dx - 1, held[:, 1] + dy - 1] = True
+    return taken[cells[:, 0], cells[:, 1]]
+
+
 def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Geometry:
     """The faces of the map's walls that hold any of poses (k, 2).
 
@@ -169,8 +180,8 @@ class Sweep:
         """Samples (n, 2) of the free area that nobody has seen from within the radius."""
         face = free_face(wireframe, viewpoints.all(), self.range)
         bounds, own = shapely.bounds(face), viewpoints.own_places()
-        been, away_m = np.vstack((own, np.zeros(2))), MOST_AWAY * self.sample_m
-        low, high = np.maximum(bounds[:2], been.min(0) - away_m), np.minimum(bounds[2:], been.max(0) + away_m)
+        been = np.vstack((own, np.zeros(2)))
+        low, high = np.maximum(bounds[:2], been.min(0) - MOST_AWAY_M), np.minimum(bounds[2:], been.max(0) + MOST_AWAY_M)
         lattice = lattice_between(low, high, self.sample_m)
         left = inside(lattice, face)
         self._take_swept(left, lattice, own, viewpoints.teammates, wireframe.segments())
@@ -235,7 +246,9 @@ class Sweep:
         unseen = _nearest(unseen, roads.origin.point, MOST_SAMPLES)
         lattice = lattice_between(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
         points = lattice.points(np.ones((len(lattice.ys), len(lattice.xs)), np.bool_))
-        points = _nearest(points[roads.standable(points)], roads.origin.point, MOST_VIEWS // len(unseen))
+        points, most = points[roads.standable(points)], MOST_VIEWS // len(unseen)
+        if len(points) > most:
+            points = _nearest(points[_beside(points, unseen, self.radius)], roads.origin.point, most)
         for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
         if begun is not None:

@@ -1,4 +1,4 @@
-"""Beacons, parts and acknowledgements: the one encoding of each comes back as it was, and no other is taken."""
+"""Beacons, parts and acknowledgements come back as they were; of beacons and parts no other encoding is taken."""
 
 import pytest
 

@@ -14,7 +14,7 @@ from agent.exploration.config import DrivingConfig
 from agent.exploration.frontiers import open_ends
 from agent.exploration.path import still_clear
 from agent.exploration.planning import Roads, hurdles_of
-from agent.exploration.sweep import LEAST_SAMPLES, MOST_AWAY, MOST_SLIVERS, Sweep, Viewpoints, free_face
+from agent.exploration.sweep import LEAST_SAMPLES, MOST_AWAY_M, MOST_SLIVERS, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -258,7 +258,7 @@ def test_free_area_is_sampled_no_farther_than_a_building_reaches_beyond_where_th
     """Four walls that a merged peer tells may lie kilometres apart: their samples took all memory."""
     hall, been = chain(room(400.0, 4.0)), np.array([(20.0, 2.0)])
     unseen = Sweep(0.1, ideal_lidar()).unseen(hall, looked_from(been, np.array([(399.0, 2.0)])))
-    assert unseen[:, 0].max() == pytest.approx(20.0 + 0.1 * MOST_AWAY)
+    assert unseen[:, 0].max() == pytest.approx(20.0 + MOST_AWAY_M)
 
 
 def test_of_standing_points_that_are_too_many_the_nearest_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,3 +269,6 @@ def test_of_standing_points_that_are_too_many_the_nearest_are_asked(monkeypatch:
     monkeypatch.setattr(sweeping, "MOST_VIEWS", 100 * len(unseen))
     nearest = [task.stand[0] for task in sweep.tasks(unseen, Roads(hall, here[0], ROOMY_M))]
     assert max(every) > 45.0 and 0 < max(nearest) < 12.0
+    far = unseen[unseen[:, 0] > 30.0]  # what is near has been seen: places there show nothing
+    monkeypatch.setattr(sweeping, "MOST_VIEWS", 100 * len(far))
+    assert min(task.stand[0] for task in sweep.tasks(far, Roads(hall, here[0], ROOMY_M))) > 25.0
