@@ -37,7 +37,7 @@ KEY = r"[\w.]+"
 
 CONTENTS = ("revision", "world.hash", "mind.hash")
 """Columns that tell runs apart beside their settings: our sources, the world's file and minds of your own. Where worlds
-or minds are compared, their hash is left out as a member of the setting's group."""
+or minds are compared, their hash is left out."""
 
 Point = tuple[tuple[str, str], ...]
 """Settings and their values as JSON, in the order of their names."""
@@ -67,7 +67,17 @@ def select(what: str) -> tuple[list[Row], list[str]]:
     rows = [row for row in read_rows(Path(folder)) if wanted.items() <= _settings(row, wanted).items()]
     if not rows:
         raise InputError(f"{what:.200}: no results{_there(read_rows(Path(folder)), wanted)}")
-    return rows, list(wanted)
+    return _once(rows), list(wanted)
+
+
+def _once(rows: Iterable[Row]) -> list[Row]:
+    """One result of each run: several sweeps below a folder may hold it. One that did not fail, if there is one."""
+    found: dict[tuple[object, object], Row] = {}
+    for row in rows:
+        run = row["revision"], row["key"]
+        if found.setdefault(run, row)["status"] != OK:
+            found[run] = row
+    return list(found.values())
 
 
 def _there(rows: Iterable[Row], keys: Iterable[str]) -> str:
@@ -160,11 +170,21 @@ def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
 
 
 def compare(first: str, second: str, measures: Sequence[str]) -> Sheet:
-    """The runs that two texts select, compared; within each revision where a side has several. Raises InputError."""
+    """The runs that two texts select, compared; within each of the CONTENTS that a side has several of.
+
+    Raises InputError.
+    """
     (mine, keys), (theirs, others) = select(first), select(second)
-    single = all(len({row["revision"] for row in rows}) == 1 for rows in (mine, theirs))
-    sheet = compared(mine, theirs, [*keys, *others, *(["revision"] if single else [])], measures)
+    single = [column for column in CONTENTS if _is_single(mine, column) and _is_single(theirs, column)]
+    sheet = compared(mine, theirs, [*keys, *others, *single], measures)
     return sheet._replace(title=f"{sheet.title}: {first} less {second}")
+
+
+def _is_single(rows: Sequence[Row], column: str) -> bool:
+    """Whether runs have one revision, or one hash of each world or mind. Older results have no hash, which is one."""
+    of = column.rpartition(".")[0]
+    made = [_settings(row, [of]) for row in rows]
+    return len({(one.get(of), one[column]) for one in made}) == len({one.get(of) for one in made})
 
 
 def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str], measures: Sequence[str]) -> Sheet:
@@ -173,6 +193,8 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
     Raises InputError where nothing pairs, two runs of a side have one partner, or no run has a measure.
     """
     _check(measures, [*first, *second])
+    groups = {key.partition(".")[0] for key in besides}
+    besides = [*besides, *(column for column in CONTENTS if column.partition(".")[0] in groups)]
     mine, theirs = (
         _by_point(rows, points, besides) for rows, points in zip((first, second), _points(first, second), strict=True)
     )

@@ -135,6 +135,31 @@ def test_a_group_that_is_named_is_left_out_of_the_pairs(tmp_path: Path) -> None:
     assert time[0] == '{"r1": "a:A"}' and time[2] == 2
 
 
+def test_the_mind_of_one_robot_is_compared_with_another(tmp_path: Path) -> None:
+    """Their hashes differ with them, and are no setting."""
+    store = Store(tmp_path, "abc")
+    for seed in range(2):
+        for mind, hashed in (({}, ""), ({"r1": "a:A"}, "aaaa"), ({"r1": "b:B"}, "bbbb")):
+            settings = {"settings": json.dumps({"mind": mind, "seed": seed}), "mind.hash": hashed}
+            store.keep(row(2, seed, 1.0, 2.0) | settings | {"key": f"{seed}-{hashed}"})
+    assert compare(f"{tmp_path}:mind.r1=a:A", f"{tmp_path}:mind.r1=b:B", ["team.t_90"]).lines[0][1] == 2
+    sheet = against(select(str(tmp_path))[0], "mind.r1=a:A", ["team.t_90"])
+    assert [(line[0], line[2]) for line in sheet.lines] == [("", 2), ("b:B", 2)]
+
+
+def test_commits_are_compared_where_a_world_was_edited_or_had_no_hash_yet(tmp_path: Path) -> None:
+    for revision, tiny in (("older", ""), ("old", "1111"), ("new", "2222")):
+        store = Store(tmp_path / revision, revision)
+        for world, hashed in (("tiny.yaml", tiny), ("maze-15", "")):
+            settings = {"settings": json.dumps({"world": world, "seed": 0}), "key": world}
+            hashes = {"world.hash": hashed, "mind.hash": ""} if tiny else {}
+            store.keep(row(2, 0, 1.0, 2.0) | settings | hashes)
+    for revision in ("older", "old"):
+        assert compare(str(tmp_path / revision), str(tmp_path / "new"), ["team.t_90"]).lines[0][1] == 2
+    store.keep(row(2, 0, 1.0, 2.0) | settings | {"key": "edited", "world.hash": "3333"})
+    assert compare(str(tmp_path / "old"), str(tmp_path / "new"), ["team.t_90"]).lines[0][1] == 1
+
+
 def test_runs_are_compared_by_seed(folder: Path) -> None:
     first, keys = select(f"{folder}:radio.range_m=4")
     second, _ = select(f"{folder}:radio.range_m=2")
@@ -194,6 +219,15 @@ def test_runs_of_several_revisions_are_compared_within_each(tmp_path: Path) -> N
         compare(f"{long},revision=def", short, ["team.t_90"])
     with pytest.raises(InputError, match=r"differ only in radio\.range_m: choose"):
         compare(str(tmp_path), short, ["team.t_90"])
+
+
+def test_a_run_that_two_sweeps_hold_is_one(tmp_path: Path) -> None:
+    """It was refused, as one that is alike in all; of a failed one and its repetition the latter counts."""
+    for sweep, status in (("robots", FAILED), ("range", OK), ("seeds", OK)):
+        store = Store(tmp_path / sweep / "abc", "abc")
+        for seed in range(2):
+            store.keep(row(2, seed, 1.0, 2.0, status if seed else OK))
+    assert medians(select(str(tmp_path))[0], NAMES).lines[0][:2] == [2, 0]
 
 
 def test_one_result_twice_is_refused(folder: Path) -> None:
