@@ -150,6 +150,8 @@ class SimulatedRobot:
             self._first = now - observation.tick
             self._tf_static.put(showing.transforms_of([(BASE, LIDAR, lidar.mount)], time.time()))
         stamp_s, step_s = EPOCH_S + (self._first + observation.tick) / lidar.rate_hz, 1 / lidar.rate_hz / len(poses)
+        if self._before is not None and stamp_s <= self._before[1]:
+            return  # a world that was resumed says its last ticks again
         for number, pose in enumerate(poses):
             then_s = stamp_s - step_s * (len(poses) - 1 - number)
             # ticks that came late are left out, and how the robot came to its first pose is not known

@@ -94,6 +94,20 @@ def test_its_speed_is_that_of_its_way_where_it_came_late_and_missed_ticks(endpoi
     assert 0.2 in speeds <= {0.0, 0.2}
 
 
+def test_ticks_that_a_resumed_world_says_again_are_told_once(endpoint: str) -> None:
+    """Stamps went back, and with one pose a scan a speed was divided by 0 s."""
+    with heard(endpoint, "/r1/odom", wire.ODOMETRY) as odometry, heard(endpoint, "/r1/scan", wire.SCAN) as scans:
+        run = Run(endpoint)
+        run.until(lambda step: len(odometry) > 4 and len(scans) > 1)
+        run.tick -= 1
+        run.step()
+        already = len(odometry)
+        run.until(lambda step: len(odometry) > already + 4)
+    for told in (odometry, scans):
+        stamps = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in told]
+        assert stamps == sorted(set(stamps))
+
+
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_twist_drives_it_for_half_a_second(endpoint: str, stamped: bool) -> None:
     kind = wire.TWIST_STAMPED if stamped else wire.TWIST
