@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
 from protocol.status import Status
@@ -35,8 +35,13 @@ def tell(words: str) -> None:
     try:
         print(words, flush=True)
     except OSError:
-        with Path(os.devnull).open("wb") as nowhere:  # else the end of Python would raise it again
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        hush(sys.stdout)
+
+
+def hush(stream: IO[str]) -> None:
+    """Have a stream that nobody reads any more write to nowhere: else the end of Python would raise that again."""
+    with Path(os.devnull).open("wb") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def stop_on_signals(inbox: "Inbox") -> None:

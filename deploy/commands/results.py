@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Exit, Option, Typer
 
 from deploy.commands.options import Pairs, RunDirectory
-from protocol.command import say
+from protocol.command import say, tell
 from protocol.status import Status
 from protocol.text import printable
 
@@ -39,7 +39,7 @@ def report(run: RunDirectory, pairs: Pairs = False) -> None:
 
     made = write_report(run)
     print_summary(run, pairs)
-    print(printable(str(made)))
+    tell(printable(str(made)))
 
 
 @commands.command(epilog="Example: wireswarm bandwidth runs/maze-15-0 runs/office-0")
@@ -84,7 +84,7 @@ def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) ->
         except Exception as error:  # the run itself is written and must not be lost with its picture
             say(f"no {what}: stopped by a mistake in its program: {type(error).__name__}: {error}")
     print_summary(run, pairs)
-    print(printable(str(made.get("report", run))), flush=True)
+    tell(printable(str(made.get("report", run))))
     return Status.FAILURE if status == Status.OK and len(made) < len(makers) else status
 
 

@@ -91,7 +91,7 @@ def print_summary(out: Path, pairs: bool = False) -> None:
         return
     summary = mapping(summary)
     robots = mapping(summary.get("robots"))
-    console = Console()
+    console = Terminal(stderr=False)
     console.print(Text(printable(_result(summary)), style="bold"), soft_wrap=True)
     table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "touched", "sent B"])
     for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):

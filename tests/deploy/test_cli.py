@@ -221,12 +221,19 @@ def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.Monkey
     )
 
 
-def test_words_that_nobody_reads_end_nothing() -> None:
-    """A world ended when `| head` had read enough, and without a report where it was at its end."""
-    says = (
-        "from protocol.command import tell\nimport sys\nsys.stdin.read()\ntell('a')\ntell('b')\nprint('c')\nsys.exit(3)"
-    )
-    process = subprocess.Popen([sys.executable, "-c", says], cwd=REPO, stdin=-1, stdout=-1, stderr=-1, text=True)
+@pytest.mark.parametrize(
+    "says",
+    [
+        "from protocol.command import tell; tell('a'); tell('b')",
+        "from deploy.terminal.live import print_summary; from pathlib import Path; print_summary(Path(sys.argv[1]))",
+    ],
+)
+def test_words_that_nobody_reads_end_nothing(says: str, tmp_path: Path) -> None:
+    """A world ended when `| head` had read enough, or at its end without a report; or well, and with status 1."""
+    (tmp_path / "summary.json").write_text('{"robots": {"r1": {"ended": "complete"}}}')
+    program = f"import sys\nsys.stdin.read()\n{says}\nprint('c')\nsys.exit(3)"
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    process = subprocess.Popen(command, cwd=REPO, stdin=-1, stdout=-1, stderr=-1, text=True)
     assert process.stdin is not None and process.stdout is not None and process.stderr is not None
     process.stdout.close()
     process.stdin.close()
