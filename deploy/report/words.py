@@ -29,13 +29,18 @@ def subtitle(run: Run) -> str:
     reached = [percent for percent in (90, 99) if team.get(f"t_{percent}") is not None]
     pieces += [f"{percent} % after {seconds(team[f't_{percent}'])}" for percent in reached]
     if "real_time_factor" in run.summary:
-        pieces.append(f"{number(run.summary['real_time_factor'], digits=3, form='g')} times real time")
+        pieces.append(f"{factor(run.summary['real_time_factor'])} times real time")
     return "  ·  ".join(pieces)
 
 
-def number(value: Any, digits: int = 1, unit: str = "", form: str = "f") -> str:
-    """A number with so many decimals and its unit; NONE for anything else. form: `g` for so many digits in all."""
-    return f"{value:,.{digits}{form}} {unit}".rstrip() if is_figure(value) else NONE
+def number(value: Any, digits: int = 1, unit: str = "") -> str:
+    """A number with so many decimals and its unit; NONE for anything else."""
+    return f"{value:,.{digits}f} {unit}".rstrip() if is_figure(value) else NONE
+
+
+def factor(value: Any) -> str:
+    """A factor such as 0.0123, 12.3 or 1,234; NONE for anything else."""
+    return f"{value:.3g}" if is_figure(value) and abs(value) < 100 else number(value, 0)
 
 
 def is_figure(value: Any) -> TypeGuard[int | float]:

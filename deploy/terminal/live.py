@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from deploy.report.rundir import mapping
-from deploy.report.words import is_figure
+from deploy.report.words import factor, is_figure
 from deploy.terminal.console import Terminal
 from deploy.terminal.pairs import fates
 from deploy.terminal.tables import add_row
@@ -34,7 +34,8 @@ class Display:
         """radio: its settings in words, printed when the run begins."""
         self._world, self._radio, self._quiet = printable(world), radio, quiet
         self._console = Terminal()
-        self._began: float | None = None
+        self._began: tuple[float, float] | None = None
+        """When the first progress came, and its simulated seconds: a resumed run begins in its midst."""
         self._line = 0.0
         self._live: Live | None = None
 
@@ -53,13 +54,14 @@ class Display:
         now = time.monotonic()
         clock = progress.clock
         if self._began is None:
-            self._began = now
+            self._began = now, clock.t
             self._say(f"radio: {self._radio}")
-        speed = clock.t / max(now - self._began, 1e-9)
+        began, began_t = self._began
+        speed = (clock.t - began_t) / max(now - began, 1e-9)
         alive = sum(status != "dead" for status in clock.status.values())
         title = (
             f"{self._world}: {alive} of {len(clock.status)} robots, tick {clock.tick}, {clock.t:.1f} s simulated, "
-            f"{speed:.3g} x real time{_late(progress.late_ticks)}"
+            f"{factor(speed)} x real time{_late(progress.late_ticks)}"
         )
         if self._live:
             self._live.update(Group(Text(title), _bars(progress)))
@@ -115,8 +117,8 @@ def _result(summary: dict[str, Any]) -> str:
         pieces.append(f"{_number(team['coverage'], '.1%')} of the wall seen")
     if isinstance(team.get("t_99"), int | float):
         pieces.append(f"99 % after {_number(team['t_99'], '.0f')} s")
-    if (factor := summary.get("real_time_factor")) is not None:
-        pieces.append(f"{_number(factor, '.3g')} times real time{_late(summary.get('late_ticks'))}")
+    if is_figure(speed := summary.get("real_time_factor")):
+        pieces.append(f"{factor(speed)} times real time{_late(summary.get('late_ticks'))}")
     return "; ".join(pieces)
 
 

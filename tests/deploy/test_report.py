@@ -23,7 +23,7 @@ from deploy.report.picture import NAMED, draw_coverage
 from deploy.report.plan import SMALLER, overview, slider
 from deploy.report.rundir import Map, NoDirectoryError, Run, Series, read_run
 from deploy.report.story import GLYPHS, MAX_BONDS, MAX_TOLD, MEANINGS, bonds, left_out, told
-from deploy.report.words import number, share, size, subtitle
+from deploy.report.words import factor, number, share, size, subtitle
 from world.recorder import REPLACED, TEAM
 
 WORLD = """
@@ -450,7 +450,9 @@ def test_text_from_files_is_escaped(tmp_path: Path) -> None:
 
 def test_numbers_read_well() -> None:
     assert (size(999), size(5300), size(2_500_000), size(None)) == ("999 B", "5.3 kB", "2.5 MB", "—")
-    assert [number(value, 3, form="g") for value in (0.5, 1.49, 61.53)] == ["0.5", "1.49", "61.5"]
+    assert (number(0.55), number(1234.5, 0, "s"), number("1")) == ("0.6", "1,234 s", "—")
+    assert [factor(value) for value in (0.5, 1.49, 61.53, 99.96)] == ["0.5", "1.49", "61.5", "100"]
+    assert (factor(1234.5), factor(None)) == ("1,234", "—")
     assert (share(0.9876), share(None), share(math.nan)) == ("98.8 %", "—", "—")
 
 

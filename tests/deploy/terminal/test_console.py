@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
@@ -10,6 +11,7 @@ from rich.progress import Progress
 
 from deploy.terminal.console import Terminal
 from deploy.terminal.live import Display
+from protocol import messages
 
 
 @pytest.mark.parametrize(
@@ -26,3 +28,16 @@ def test_a_bar_that_is_broken_off_leaves_a_terminal_its_cursor(
             print("begun", file=sys.stderr, flush=True)
             said = reader.read(4096)
     assert b"begun" in said and b"\x1b[?25l" not in said
+
+
+def test_the_speed_is_that_since_the_first_progress(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was 1.23e+03 times real time, and 1e+12 times where a resumed run began."""
+    display = Display("maze-15", "range 4 m", quiet=False)
+    for now, t in ((100.0, 3600.0), (110.0, 15940.0)):
+        monkeypatch.setattr(time, "monotonic", lambda now=now: now)
+        clock = messages.Clock(tick=round(5 * t), t=t, status={"r1": "exploring"})
+        display.show(messages.Progress(clock=clock, coverage={"r1": 0.5}, team=0.5))
+    _, first, second = capsys.readouterr().err.splitlines()
+    assert ", 0 x real time" in first and ", 1,234 x real time" in second
