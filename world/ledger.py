@@ -143,7 +143,7 @@ class Ledger:
         merged = {self._row[peer]: merged_tick for peer, merged_tick in action.merged.items()}
         self.coverage.merge(tick, self._row[robot], merged)
         self._memory[robot] = [action.map_bytes, action.filter_bytes]
-        if action.step_ms > 0:  # else nobody made a step
+        if action.step_ms > 0:  # else nobody made a step, or nobody told its time
             self._step_ms[robot][round(action.step_ms, 2)] += 1
         if wireframe is not None:
             self._maps[robot] = wireframe
