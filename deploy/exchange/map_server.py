@@ -64,6 +64,7 @@ def _box(named: NamedMap) -> tuple[tuple[float, float], tuple[int, int]]:
     low, high = ends[:2] - MARGIN_CELLS, ends[2:] + MARGIN_CELLS + 1
     nx, ny = (high - low).astype(int).tolist()
     if nx * ny > MAX_CELLS:
-        raise InputError(f"the map of {named.robot} is {nx * CELL_M:.0f} m x {ny * CELL_M:.0f} m: too large for a grid")
+        size = f"{nx * CELL_M:.0f} m x {ny * CELL_M:.0f} m"
+        raise InputError(f"what {named.robot} has seen is {size}: too large for a grid")
     x0, y0 = (low * CELL_M).tolist()
     return (x0, y0), (nx, ny)

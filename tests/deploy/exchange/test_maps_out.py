@@ -160,7 +160,7 @@ def test_the_two_maps_of_a_robot_are_exported_beside_each_other(run: Path, tmp_p
         ('{"vertices": [[0, 0], [9e5, 0]], "labels": ["nominal", "nominal"], "edges": [[0, 1]]}', "out of bounds"),
         (
             '{"vertices": [[0, 0], [9e3, 9e3]], "labels": ["nominal", "nominal"], "edges": [[0, 1]]}',
-            "too large for a grid",
+            "what map has seen is 9000 m x 9000 m: too large for a grid",
         ),
     ],
 )
