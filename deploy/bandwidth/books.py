@@ -14,7 +14,7 @@ from deploy import manifest
 from deploy.report.rundir import BROKEN, MAX_TIME_S, OF_LOGS
 from protocol.document import check_is_file, read_text
 from protocol.errors import InputError
-from world.radio.gate import Passage
+from world.radio.gate import HELD_BACK, Passage
 
 MAX_BOOKS_BYTES = 1 << 30
 """Of bandwidth.json: 500 robots that all hear each other, and say all kinds of messages, fill 500 MB (ours)."""
@@ -127,6 +127,21 @@ def read_traffic(run: Path, kinds: Collection[str]) -> tuple[dict[str, Any], lis
             f"{' '.join(map(str, first))} is {listed[first]} in radio.csv, {summed[first]} in bandwidth.json"
         )
     return books, kept
+
+
+def on_air(books: dict[str, Any], kind: str) -> int:
+    """Bytes of a kind of messages that the senders' radios did not hold back; books: bandwidth.json.
+
+    A broadcast counts once. Each robot's messages of the kind are taken to have as many receivers each.
+    """
+    held, total = Counter[str](), 0
+    for link in books["links"]:
+        dropped = link["kinds"].get(kind, {}).get("dropped", {})
+        held[link["sender"]] += sum(tally["bytes"] for why, tally in dropped.items() if why in HELD_BACK)
+    for robot, counts in books["robots"].items():
+        offered, addressed = (counts[part].get(kind, {}).get("bytes", 0) for part in ("offered", "addressed"))
+        total += offered - (held[robot] * offered // addressed if addressed else 0)
+    return total
 
 
 def _passages(run: Path) -> Iterator[Passage]:

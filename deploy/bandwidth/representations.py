@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich.progress import track
 
 from agent.communication.config import TalkConfig
-from deploy.bandwidth.books import NoRunError, check_has, read_traffic
+from deploy.bandwidth.books import NoRunError, check_has, on_air, read_traffic
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
@@ -127,12 +127,8 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
             raise ValueError(f"its files name {min(unknown):.40}, and truth.json does not")
     except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
-    on_air = (passage for passage in ours if passage.outcome not in HELD_BACK)
-    sent = [(passage.tick * period_s, passage.sender, passage.bytes) for passage in on_air]
-    offered = [counts["offered"] for counts in books["robots"].values()]
-    beacons, views, frames = (
-        sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS, FRAMES)
-    )
+    sent = [(row.tick * period_s, row.sender, row.bytes) for row in ours if row.outcome not in HELD_BACK]
+    beacons, views, frames = (on_air(books, kind) for kind in (BEACON, VIEWS, FRAMES))
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
     own = [sorted((line for line in lines if line.robot == robot), key=lambda line: line.tick) for robot in live]

@@ -20,7 +20,7 @@ from agent.config import AgentConfig
 from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bandwidth import representations
-from deploy.bandwidth.books import NoRunError, read_books, read_traffic
+from deploy.bandwidth.books import NoRunError, on_air, read_books, read_traffic
 from deploy.bandwidth.plots import draw
 from deploy.bandwidth.pool import processes
 from deploy.bandwidth.replay import config_of, seen_again
@@ -29,9 +29,11 @@ from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
 from deploy.sensing import IDEAL
-from protocol.messages import Heard, Observation, RobotSpec
+from protocol.messages import EVERYONE, Heard, Observation, RobotSpec, Send
 from tests.tiny import tiny_config
 from world.episode import Episode
+from world.radio.config import RadioConfig
+from world.radio.gate import Radio
 
 
 class Kept:
@@ -117,6 +119,18 @@ def test_what_never_went_on_the_air_is_no_traffic(
     held = [ours[0]._replace(outcome=outcome) for outcome in ("mtu", "capacity_out")]
     monkeypatch.setattr(representations, "read_traffic", lambda *_: (books, [*ours, *held]))
     assert measure(out, config).totals()["delta"] == sum(passage.bytes for passage in ours)
+
+
+@pytest.mark.parametrize("to", [EVERYONE, "r3"])
+def test_what_is_counted_apart_is_bytes_on_the_air_too(to: str) -> None:
+    """Beacons, viewpoints and frames were those offered, beside a `delta` on the air."""
+    robots, limits = ["r1", "r2", "r3"], {"models": [{"kind": "capacity", "bytes_per_s": 30}], "mtu_bytes": 64}
+    radio = Radio(robots, RadioConfig.model_validate(limits))
+    sends = [Send(tick=0, to=to, kind="beacon", payload=bytes(size)) for size in (10, 15, 20, 65)]
+    radio.offer(0, {"r1": sends}, np.zeros((3, 2)))
+    radio.deliver(1, robots, ended=True)
+    books = radio.books.as_dict(robots)
+    assert [on_air(books, kind) for kind in ("beacon", "views")] == [10 + 15, 0]
 
 
 def test_divided_among_processes_it_is_the_same(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
