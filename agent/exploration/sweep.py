@@ -136,7 +136,7 @@ def _beside(points: Floats, samples: Floats, radius: float) -> Bools:
     taken = np.zeros(np.maximum(cells.max(0), held.max(0)) + 2, np.bool_)
     for dx, dy in np.ndindex(3, 3):
         taken[held[:, 0] + dx - 1, held[:, 1] + dy - 1] = True
-    return taken[cells[:, 0], cells[:, 1]]
+    return np.asarray(taken[cells[:, 0], cells[:, 1]])
 
 
 def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Geometry:
