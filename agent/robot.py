@@ -19,6 +19,7 @@ from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
+from agent.mapping.views import MARGIN_M, sees_places, view_of
 from agent.perception.median_scan import MOST_SCANS
 from agent.perception.perceive import Perception
 from agent.period import Period, in_ticks
@@ -214,6 +215,7 @@ class Robot:
             withdrawn=self.team.views.withdrawn,
             left_ends=self.team.views.ends,
             glimpses=self.filter.glimpses,
+            sees_past=lambda places, aside_m: sees_places(places, aside_m, view_of(scan, self.filter.pose, MARGIN_M)),
             is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,

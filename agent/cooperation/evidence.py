@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.geometry.transform import move
 from agent.kernels import kernel
-from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, seen_at, within
+from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at
 from protocol.arrays import Bools, Floats, Ints
 from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Wireframe
@@ -30,10 +30,6 @@ USED_M = 2.0 * WALL_MARGIN_M
 """A piece of a received map within this of an own wall, in x and in y, is not fresh."""
 USED_COSINE = 0.9
 """... if its direction differs by less than this cosine says, 26 degrees."""
-PROBES, PROBES_THROUGH = 7, 3
-"""Bearings across a teammate's body at which a scan is asked, and those that must show something beyond it."""
-PROBED = 0.7
-"""Share of the body's width that they span: its place is known to some centimetres."""
 
 
 class WallEvidence:
@@ -206,37 +202,3 @@ def _look(walls: Floats, sizes: Floats, boxes: Floats, on: Ints, through: Ints, 
             elif saw == ON and side > 0 and view.pieces[piece].ux * ux + view.pieces[piece].uy * uy > ALIKE:
                 on[k] += 1
     return against
-
-
-@kernel
-def sees_place(x: float, y: float, radius: float, view: View) -> bool:
-    """Whether a scan sees through a disc at (x, y): what stood there would hide what the scan shows beyond it.
-
-    Bearings at the edge of a piece or sector tell nothing, so some that tell suffice, if none of them speaks against.
-    """
-    dx, dy = x - view.pose[0], y - view.pose[1]
-    away = max(math.hypot(dx, dy), 1e-6)
-    through = 0
-    for k in range(PROBES):
-        off = PROBED * radius * (2.0 * k / (PROBES - 1) - 1.0)
-        px, py = x - dy / away * off, y + dx / away * off
-        saw, piece = look_at(px, py, view, 0.0)
-        near = _nearest_blind(px, py, view)
-        if piece >= 0 and saw != THROUGH:  # the line of a short piece is not known well enough to tell
-            p = view.pieces[piece]
-            near = min(near, math.hypot(p.x - view.pose[0], p.y - view.pose[1]) - max(-p.end[0], p.end[1]))
-        if near < away + radius + view.margin:
-            return False
-        through += saw == THROUGH or near < math.inf
-    return through >= PROBES_THROUGH
-
-
-@kernel
-def _nearest_blind(x: float, y: float, view: View) -> float:
-    """How near, m, anything is that is no wall, in the direction of (x, y); inf where there is nothing."""
-    _, bearing, parallax = seen_at(x, y, view)
-    near, blind = math.inf, view.sight.blind
-    for s in range(len(blind)):
-        if within(blind[s : s + 1], bearing, -parallax):
-            near = min(near, blind[s, 2])
-    return near

@@ -11,9 +11,9 @@ import numpy as np
 
 from agent.alignment.by_sight import Sighting
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence
 from agent.corner_scan import CornerScan
-from agent.mapping.views import View, view_of
+from agent.mapping.views import View, sees_place, view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
 

@@ -28,6 +28,7 @@ from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
 from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
 from agent.geometry.clearance import distances_to_walls
+from agent.geometry.wall_tiles import wall_tiles
 from agent.mapping.submaps.settled import Settled
 from agent.state import State, checked
 from protocol.arrays import Floats
@@ -108,7 +109,7 @@ class Explorer:
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
         self._take_viewpoints(scene)
-        self.states.glimpses.keep(scene.tick, situation.glimpses)
+        self.states.glimpses.keep(scene.tick, scene.glimpses, scene.sees_past)
         if not len(scene.wireframe.edges):
             return scene
         read_ticks = self.goals.read(scene)
@@ -170,8 +171,9 @@ class Explorer:
         if errand is None:
             return None
         if self.target is None and not errand.ended:
+            hiding = wall_tiles(self.surroundings.lasting)
             for roads in self.surroundings.ways(scene):
-                route = standing.near(errand.place, roads, self.surroundings.lasting)
+                route = standing.near(errand.place, roads, hiding)
                 if route is not None:
                     return self._pursue(scene, Task("errand", errand.place, route.path[-1]), roads, None)
             errand.ended = "no way"

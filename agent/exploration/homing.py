@@ -92,7 +92,7 @@ class Homing:
 def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:
     """To go to a place, or near it, by the first roads that lead there; None without any."""
     for roads in ways:
-        route = standing.near(place, roads, roads.walls)
+        route = standing.near(place, roads)
         if route is not None:
             return Way(Task(kind, place, route.path[-1]), roads)
     return None

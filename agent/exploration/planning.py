@@ -272,10 +272,13 @@ class Roads:
         """Whether each of points (n, 2) keeps the clearance."""
         return np.asarray(keep_off(np.ascontiguousarray(points), self.terrain.walls, self.clearance))
 
-    def with_view(self, points: Floats, targets: Floats) -> Bools:
-        """Which of points (n, 2) keep the clearance and have the target (n, 2) of the same row in view."""
+    def with_view(self, points: Floats, targets: Floats, hiding: WallTiles | None = None) -> Bools:
+        """Which of points (n, 2) keep the clearance and have the target (n, 2) of the same row in view.
+
+        hiding: walls that hide targets, if not those that the roads lead around.
+        """
         good = self.standable(points)
-        good[good] = all_in_view(points[good], targets[good], self.terrain.walls)
+        good[good] = all_in_view(points[good], targets[good], self.terrain.walls if hiding is None else hiding)
         return good
 
     def nearest(self, goals: Floats, extra: Floats) -> Route | None:

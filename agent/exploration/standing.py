@@ -4,7 +4,7 @@ import numpy as np
 
 from agent.exploration.planning import Roads, Route, circle
 from agent.geometry.clearance import distances_to_walls
-from agent.geometry.wall_tiles import all_in_view, wall_tiles
+from agent.geometry.wall_tiles import WallTiles
 from protocol.arrays import Floats
 
 _RINGS_M = (0.3, 0.6)  # distances from an errand's place at which standing points are looked for, in eight directions
@@ -17,15 +17,14 @@ _PARK_ROOM_M = 1.0  # more room than this is no better for parking: half the wid
 _PARK_GAIN = 4.0  # metres of path that a metre of room is worth: a robot in a doorway of 1 m goes on into the room
 
 
-def near(place: Floats, roads: Roads, walls: Floats) -> Route | None:
-    """The way to a place (2,), or to a point nearby from where no wall (m, 4) hides it; None if there is no way.
+def near(place: Floats, roads: Roads, hiding: WallTiles | None = None) -> Route | None:
+    """The way to a place (2,), or to a point nearby from where no wall hides it; None if there is no way.
 
-    A teammate that the roads lead around hides nothing: it may be the peer that the robot comes to look at.
+    hiding: of `with_view`. A teammate that the roads lead around may be the peer that the robot comes to look at.
     """
     points = np.vstack((place, *(place + radius * circle(8) for radius in _RINGS_M)))
     away = np.hypot(*(points - place).T)
-    good = roads.standable(points)
-    good[good] = all_in_view(points[good], np.repeat(place[None], good.sum(), 0), wall_tiles(walls))
+    good = roads.with_view(points, np.repeat(place[None], len(points), 0), hiding)
     return roads.nearest(points[good], _OFF_COST * away[good])
 
 

@@ -11,6 +11,7 @@ from agent.errand import Errand
 from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Obstacles
+from agent.exploration.glimpses import SeesPast, sees_nothing
 from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
@@ -50,6 +51,7 @@ class Situation:
     """(v, 4) open ends that are left to teammates, which looked at them in vain, and unit: where their walls go on."""
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(g, 2) middles of what the last mapped scan hit and is no wall yet: the same array until another is mapped."""
+    sees_past: SeesPast = sees_nothing  # which places the scan sees past, frame of the map
     is_stranger: bool = False  # whether somebody in contact does not know where the robot's frame lies
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
     map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked

@@ -3,11 +3,13 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, piece_sd, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import length, line_sd, related, tip_at
-from protocol.arrays import Floats, Records
+from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import Pose
 
 UNSEEN, THROUGH, ON = 0, 1, 2  # what a scan saw at a point: it does not tell, free space, or a wall
@@ -16,6 +18,10 @@ STEP_M = 0.08  # distance of the samples at which a wall is compared with a scan
 MARGIN_M = 0.035  # a wall this near to what was seen is what was seen, at least: 3.5 sd of the default lidar's ranges
 NEAREST_M = 1e-6  # a point nearer to the lidar has no bearing
 END_SKIP_M = 0.05  # the ends of a wall are not compared with a scan: their place is known to about a beam
+PROBES, PROBES_THROUGH = 7, 3
+"""Bearings across a place at which a scan is asked, and those that must show something beyond it."""
+PROBED = 0.7
+"""Share of its width that they span: where it is, is known to some centimetres."""
 
 
 class View(NamedTuple):
@@ -134,3 +140,46 @@ def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     side = above(wall, view.pose[0], view.pose[1])
     flat = GRAZING * math.hypot(x - view.pose[0], y - view.pose[1])
     return UNSEEN if abs(side) < flat else saw, piece, side > flat
+
+
+@kernel
+def sees_place(x: float, y: float, radius: float, view: View) -> bool:
+    """Whether a scan sees through a disc at (x, y): what stood there would hide what the scan shows beyond it.
+
+    Bearings at the edge of a piece or sector tell nothing, so some that tell suffice, if none of them speaks against.
+    """
+    dx, dy = x - view.pose[0], y - view.pose[1]
+    away = max(math.hypot(dx, dy), 1e-6)
+    through = 0
+    for k in range(PROBES):
+        off = PROBED * radius * (2.0 * k / (PROBES - 1) - 1.0)
+        px, py = x - dy / away * off, y + dx / away * off
+        saw, piece = look_at(px, py, view, 0.0)
+        near = _nearest_blind(px, py, view)
+        if piece >= 0 and saw != THROUGH:  # the line of a short piece is not known well enough to tell
+            p = view.pieces[piece]
+            near = min(near, math.hypot(p.x - view.pose[0], p.y - view.pose[1]) - max(-p.end[0], p.end[1]))
+        if near < away + radius + view.margin:
+            return False
+        through += saw == THROUGH or near < math.inf
+    return through >= PROBES_THROUGH
+
+
+@kernel
+def _nearest_blind(x: float, y: float, view: View) -> float:
+    """How near, m, anything is that is no wall, in the direction of (x, y); inf where there is nothing."""
+    _, bearing, parallax = seen_at(x, y, view)
+    near, blind = math.inf, view.sight.blind
+    for s in range(len(blind)):
+        if within(blind[s : s + 1], bearing, -parallax):
+            near = min(near, blind[s, 2])
+    return near
+
+
+@kernel
+def sees_places(places: Floats, radius: float, view: View) -> Bools:
+    """Whether (n,) a scan sees through discs at places (n, 2), as `sees_place`."""
+    sees = np.zeros(len(places), np.bool_)
+    for k in range(len(places)):
+        sees[k] = sees_place(places[k, 0], places[k, 1], radius, view)
+    return sees

@@ -8,10 +8,10 @@ import pytest
 from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig, VerificationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of, sees_place
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of
 from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
-from agent.mapping.views import view_of
+from agent.mapping.views import sees_place, view_of
 from protocol.geometry import seen_from
 from protocol.messages import RobotSpec
 from protocol.talk import Beacon

@@ -5,8 +5,11 @@ import pytest
 
 from agent.exploration.glimpses import BREAK_S, LEAST_SCANS, MOST, Glimpses
 from agent.exploration.planning import Roads
+from agent.mapping.views import MARGIN_M, sees_places, view_of
 from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
+from tests.agent.mapping.test_layers import scan_at
+from tests.agent.mapping.test_particle_filter import ROOM, ring
 
 POST = np.array((3.0, 1.0))
 BREAK = round(BREAK_S * LidarSpec().rate_hz)
@@ -47,6 +50,43 @@ def test_what_shows_now_and_then_is_not_one_thing(ticks, is_one_thing):
     for scan in range(LEAST_SCANS):
         glimpses.keep(ticks * scan, POST[None])
     assert len(found(glimpses)) == is_one_thing
+
+
+def sight_from(here, walls):
+    """What a scan from there sees past."""
+    scan = scan_at(here, walls)
+    return lambda places, aside_m: sees_places(places, aside_m, view_of(scan, here, MARGIN_M))
+
+
+THING = ring((2.85, 0.85), (2.85, 1.15), (3.15, 1.15), (3.15, 0.85))
+NOW = {
+    "it has gone": (sight_from((1.0, 1.0, 0.0), ROOM), False),
+    "it stands there": (sight_from((1.0, 1.0, 0.0), ROOM + THING), True),
+    "it is hidden": (sight_from((1.0, 2.4, 0.0), ROOM), True),
+}
+
+
+@pytest.mark.parametrize(("sees_past", "is_there"), NOW.values(), ids=NOW)
+def test_a_place_that_scans_see_past_is_nothing_to_look_at(sees_past, is_there):
+    """Ten people in `hall` left so many that a robot remembered none of the columns, and went to where nobody was."""
+    glimpses = Glimpses(LidarSpec())
+    for tick in range(2 * LEAST_SCANS):
+        glimpses.keep(tick, POST[None].copy())
+    for tick in range(2 * LEAST_SCANS, 4 * LEAST_SCANS):
+        glimpses.keep(tick, np.zeros((0, 2)), sees_past)
+    assert len(found(glimpses)) == is_there
+
+
+def test_what_was_looked_at_is_looked_at_once():
+    glimpses, sees_past = Glimpses(LidarSpec()), NOW["it has gone"][0]
+    for first in (0, 4 * LEAST_SCANS):
+        for tick in range(first, first + 2 * LEAST_SCANS):
+            glimpses.keep(tick, POST[None].copy())
+        for task in glimpses.tasks(Wireframe(), Roads(Wireframe(), np.zeros(2), 0.2)):
+            glimpses.done(task)
+        for tick in range(first + 2 * LEAST_SCANS, first + 4 * LEAST_SCANS):
+            glimpses.keep(tick, np.zeros((0, 2)), sees_past)
+        assert not found(glimpses)
 
 
 def test_the_places_are_bounded_and_room_comes_back():
