@@ -12,7 +12,7 @@ if [ "$(id -u)" = 0 ]; then   # nothing runs as root in a container
     RUN_AS=10001:10001
     chown "$RUN_AS" runs
 fi
-export RUN_AS RUNS="$PWD/runs" ROBOTS="${ROBOTS:-3}" SETTLE=120
+export RUN_AS RUNS="$PWD/runs" ROBOTS="${ROBOTS:-3}" SETTLE="${SETTLE:-120}"
 end() {
     $compose down --timeout 5   # not --volumes: there may be runs and results of earlier ones in them
     docker volume rm --force "${COMPOSE_PROJECT_NAME:-deploy}_secrets" >/dev/null

@@ -49,6 +49,14 @@ def finish(out: Path, **more: Any) -> None:
     _write(out, begun | {"end": _now()} | more)
 
 
+def is_of_logs(out: Path) -> bool:
+    """Whether recorded logs were mapped, as far as anybody says."""
+    try:
+        return "logs" in read(out)
+    except InputError:
+        return False
+
+
 def ended(out: Path) -> str | None:
     """How a run ended; None where nobody has said so yet, or it is gone or damaged."""
     try:

@@ -104,6 +104,6 @@ def _is_nowhere(error: Exception) -> bool:
 
 def _sentence(error: Any) -> str:
     """What Typer says of a command line, in our words: of a wrong value, its option and what it takes."""
-    text: str = error.format_message()
-    wrong = re.fullmatch(r"Invalid value for '(?P<option>[^']+)': (?P<wish>.*?)\.?", text, re.DOTALL)
+    text = " ".join(error.format_message().split())  # choices stand in lines of their own
+    wrong = re.fullmatch(r"Invalid value for '(?P<option>[^']+)': (?P<wish>.*?)\.?", text)
     return f"{wrong['option']}: {in_own_words(wrong['wish'])}" if wrong else text

@@ -36,7 +36,7 @@ INTRODUCTION_MS = 3000
 """A connection that has not said by then who it is is closed: a robot's takes some ms, under load some hundred."""
 RETRY_S = 0.2
 """Pause before all names are tried again."""
-UNREACHED = "check that it runs and asks for no secret, the address, the port and firewalls between"
+UNREACHED = "check that it runs and asks for no secret or certificate, the address, the port and firewalls between"
 MAX_FILES = 1 << 20
 """As many as a process of Linux may open where nothing else is set."""
 OTHER_FILES = 2000

@@ -226,7 +226,7 @@ def load(name_or_path: str | Path) -> World:
     except (OSError, ValueError):  # a name that no file can have
         known = ", ".join(bundled())
         raise WorldFileError(
-            f"{name_or_path!s:.200}: neither a file nor a bundled world ({known}), nor generated-40x40-0"
+            f"{name_or_path!s:.200}: neither a file nor a bundled world ({known}), nor a maze such as generated-40x40-0"
         ) from None
     return _loaded(path, (changed.st_mtime_ns, changed.st_size))
 

@@ -33,7 +33,8 @@ def agent(
         Option(help="Endpoint of the world, or of the router of ROS 2.", show_default="with --ros2 tcp/127.0.0.1:7447"),
     ] = None,
     id_: Annotated[
-        str | None, Option("--id", help="Name of the robot.", show_default="the first that is not there yet")
+        str | None,
+        Option("--id", help="Name of the robot.", show_default="with --certs or --secrets, the first that is free"),
     ] = None,
     secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
     certs: Certs = None,

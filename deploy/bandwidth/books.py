@@ -76,11 +76,7 @@ class _Books(_Part):
 
 def check_simulated(run: Path) -> None:
     """Raise NoRunError for a directory of recorded logs, which has a manifest.json and maps, too."""
-    try:
-        of_logs = "logs" in manifest.read(run)
-    except InputError:
-        return
-    if of_logs:
+    if manifest.is_of_logs(run):
         raise NoRunError(f"{run} {OF_LOGS}")
 
 

@@ -47,7 +47,7 @@ def config_of(run: Path) -> RunConfig:
     try:
         return RunConfig.model_validate(manifest.read(run)["config"], context=RAN)
     except (OSError, ValueError, LookupError, TypeError):
-        raise NoRunError(f"{run} is no finished run: it has no manifest.json with its configuration") from None
+        raise NoRunError(f"{run} is no run directory: it has no manifest.json with its configuration") from None
 
 
 def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:

@@ -33,12 +33,14 @@ def finish(run: RunDirectory) -> None:
 
 @commands.command(epilog="Example: wireswarm report runs/maze-15-0 --pairs")
 def report(run: RunDirectory, pairs: Pairs = False) -> None:
-    """Write the report of a run directory anew, and print its summary."""
+    """Write the report of a run directory anew, and print its summary; of mapped logs the page has it."""
+    from deploy import manifest
     from deploy.report import write_report
     from deploy.terminal.live import print_summary
 
     made = write_report(run)
-    print_summary(run, pairs)
+    if not manifest.is_of_logs(run):
+        print_summary(run, pairs)
     tell(printable(str(made)))
 
 

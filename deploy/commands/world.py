@@ -12,6 +12,7 @@ from typer import Context, Exit, Option, Typer
 from agent.shell.command import Certs
 from deploy.commands.options import (
     ConfigFile,
+    Ideal,
     Listen,
     MaxTime,
     Out,
@@ -51,6 +52,7 @@ def world_(
     until: Until = None,
     max_time_s: MaxTime = None,
     real_time: RealTime = None,
+    ideal: Ideal = False,
     listen: Listen = None,
     connect: Annotated[
         str | None, Option(help="A Zenoh router between world and robots.", show_default="the world is the router")
@@ -150,8 +152,9 @@ def _resumed(context: Context, run: Path) -> RunConfig:
     from world.config import ServerConfig
 
     reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
-    named = [name for name, value in context.params.items() if value not in (None, [], ())]  # 0 is a seed
-    given = [name for name in named if name not in (*reach, *NEVER_KEPT)]
+    unsaid: tuple[object, ...] = (None, [], ())
+    flags = (name for name, value in context.params.items() if value is not False and value not in unsaid)
+    given = [name for name in flags if name not in (*reach, *NEVER_KEPT)]  # 0 is a seed
     if given:
         option = next(one.opts[0] for one in context.command.params if one.name == given[0])
         raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {option}")

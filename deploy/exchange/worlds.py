@@ -73,7 +73,7 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
     told = [
         f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "
         f"{size.free_m2:.1f} m2 free; {options.robots} robots can start",
-        *_openings(world, starts[0]),
+        *_openings(world, starts[0], options),
     ]
     told += [
         f"left out: {printable(what)}{f' ({count} times)' if count > 1 else ''}"
@@ -112,17 +112,18 @@ def _starts(world: World, options: Options) -> Floats:
         raise WorldFileError(f"{error}{hint}") from None
 
 
-def _openings(world: World, start: Floats) -> list[str]:
+def _openings(world: World, start: Floats, options: Options) -> list[str]:
     """What there is to tell of outer walls that do not close."""
+    advice = f"give --close more than {options.close_m:g}" if options.close_m else CLOSE
     around = shapely.box(*world.solid.bounds)
     home = world.region_of(float(start[0]), float(start[1]), BODY_M)
     if home is None or not home.within(around):
-        return [f"its walls do not close: robots can leave; {CLOSE}"]
+        return [f"its walls do not close: robots can leave; {advice}"]
     outside = [region for region in world.regions(BODY_M) if not region.within(around)]
     open_m2 = shapely.union_all(outside).intersection(world.solid.convex_hull).area
     if open_m2 <= home.area:
         return []
-    return [f"robots start in closed {home.area:.0f} m2, but {open_m2:.0f} m2 amid its walls are open; {CLOSE}"]
+    return [f"robots start in closed {home.area:.0f} m2, but {open_m2:.0f} m2 amid its walls are open; {advice}"]
 
 
 def read_shapes(file: Path, options: Options) -> Shapes:

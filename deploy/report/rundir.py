@@ -120,7 +120,8 @@ class Run:
     events: list[dict[str, Any]] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        return f"Run({str(self.path)!r}: {len(self.robots)} robots, {self.duration:g} s)"
+        until = f"{self.duration:g} scans" if self.of_logs else f"{self.duration:g} s"
+        return f"Run({str(self.path)!r}: {len(self.robots)} robots, {until})"
 
     @property
     def robots(self) -> list[str]:

@@ -14,12 +14,14 @@ import pytest
 import yaml
 from typer.main import get_command
 
-from deploy import cli
+from deploy import cli, manifest
 from deploy.commands.run import _as_called
 from deploy.config import RunConfig, load
 from deploy.launch.launcher import run_directory
+from deploy.sensing import named
 from protocol.configuration import OF_A_RUN, ConfigError
 from protocol.session import open_router
+from protocol.settings import RAN
 from tests.tiny import ROOM
 
 REPO = Path(__file__).parents[2]
@@ -203,6 +205,14 @@ def test_a_world_doubts_its_robots_before_they_come(wireswarm: Command, tmp_path
     status, _, err = wireswarm("world", "--world", "tiny.yaml", "--certs", "absent", "--set", "spec.lidar.beams=90")
     assert status == 2
     assert err.startswith("wireswarm: a complete map is not to be expected: the lidar has 90 beams a revolution: ")
+
+
+def test_a_world_with_the_papers_sensing_is_asked_for_as_a_run_is(wireswarm: Command, tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    out = tmp_path / "run"
+    ends = ("--listen", "tcp/127.0.0.1:0", "--set", "server.join_timeout_s=0.1", "--out", str(out), "--ideal")
+    wireswarm("world", "--world", "tiny.yaml", *ends)
+    assert named(RunConfig.model_validate(manifest.read(out)["config"], context=RAN).spec) == "ideal"
 
 
 def test_an_agent_that_is_refused_or_finds_no_world(wireswarm: Command) -> None:

@@ -324,6 +324,8 @@ def test_a_closet_in_a_house_that_is_open_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no room for 30 robots; where its walls do not close, --close 2 closes"):
         imported(tmp_path / "open.geojson", Options(robots=30))
     assert len(imported(tmp_path / "open.geojson", Options(close_m=1, robots=3))[1]) == 3
+    told = imported(tmp_path / "open.geojson", Options(close_m=0.5))[1]
+    assert told[1].endswith("are open; give --close more than 0.5")
 
 
 BAD = {
