@@ -20,6 +20,7 @@ GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES 
 GAP_TIMES = 2.2
 JUMP_M, JUMP_MPS = 0.5, 10.0  # more than these from one scan to the next, by odometry, is no robot's way
 CHANGE_M = 0.1  # of half of the beams: a robot that stands sees that much of nothing but crowds
+FAR_M = 0.49 * MAX_COORDINATE_M  # from the first scan: no two are out of reach, so a part may begin with any
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
@@ -133,7 +134,8 @@ class LidarLog:
         """
         ahead_s = scan.time_s - self.scans[0].time_s if self.scans else 0.0
         before = self._other_clock[-1][0].time_s if self._other_clock else -math.inf
-        if self._damaged(scan) or 0 <= ahead_s <= MAX_DAYS * 86_400 or scan.time_s < before:
+        in_time = 0 <= ahead_s <= MAX_DAYS * 86_400
+        if self._damaged(scan) or in_time or scan.time_s < before or _is_far(scan, self.scans[0]):
             self._other_clock.clear()
             return
         self._other_clock.append((scan, reason))
@@ -199,10 +201,15 @@ def _contradicted(scan: Scan, first: Scan | None, last: Scan | None) -> str | No
     """Why a scan cannot follow these; None where it can."""
     if first is None or last is None:
         return None
-    if (np.abs(scan.poses[..., :2] - first.odometry[:2]) > MAX_COORDINATE_M).any():
-        return f"scans whose odometry is farther than {MAX_COORDINATE_M:g} m from the first"
+    if _is_far(scan, first):
+        return f"scans whose odometry is farther than {FAR_M:g} m from the first"
     if scan.time_s < last.time_s:
         return "scans whose time jumps back"
     if scan.time_s - first.time_s > MAX_DAYS * 86_400:
         return f"scans more than {MAX_DAYS} days after the first"
     return None
+
+
+def _is_far(scan: Scan, first: Scan) -> bool:
+    x, y = (scan.poses[..., :2] - first.odometry[:2]).T
+    return bool((np.hypot(x, y) > FAR_M).any())

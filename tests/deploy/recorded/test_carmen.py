@@ -11,7 +11,10 @@ import pytest
 from deploy.recorded.carmen import read_carmen
 from deploy.recorded.lidar_log import Given
 from deploy.recorded.reading import read_logs
+from deploy.recorded.team import cut
 from protocol.errors import InputError
+from protocol.geometry import relative
+from protocol.wireframe import MAX_COORDINATE_M
 
 
 def flaser(
@@ -196,10 +199,22 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
         "lines that are cut or hold no numbers": 2,
         "scans of fewer than 8 or more than 4096 beams": 1,
         "scans whose odometry is no number": 1,
-        "scans whose odometry is farther than 10000 m from the first": 1,
+        "scans whose odometry is farther than 4900 m from the first": 1,
         "scans whose time jumps back": 1,
         "scans of another lidar than the one read, which has 180 beams over 180 degrees from -90 degrees on": 1,
     }
+
+
+@pytest.mark.parametrize("time_s", [10.0, -1e9], ids=["in time", "by another clock"])
+def test_no_scan_is_out_of_reach_of_the_first_of_its_part(tmp_path: Path, time_s: float) -> None:
+    """In the frame of a first scan that is turned, odometry within 10 km of it was beyond, which was a traceback."""
+    poses = 10 * ["0 0 0.785"] + 20 * ["9900 9900 0"] + 10 * ["-4000 0 0"] + 10 * ["4000 0 0"]
+    lines = [flaser(k, pose=pose, time=k + (time_s if 10 <= k < 30 else 0)) for k, pose in enumerate(poses)]
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert len(read.scans) == 30 and sum(read.skipped.values()) == 20
+    for part in cut([read], 3):
+        told = [relative(part.scans[0].odometry, scan.odometry)[:2] for scan in part.scans]
+        assert np.abs(told).max() <= MAX_COORDINATE_M
 
 
 def test_scans_whose_stamps_jump_are_counted(tmp_path: Path) -> None:
