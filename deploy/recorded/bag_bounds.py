@@ -36,7 +36,9 @@ def checked(bag: Path) -> Iterator[Path]:
     Raises InputError, without its name, also where they unpack to more than MORE_BYTES.
     """
     for part in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
-        check_is_file(part)
+        if part.is_dir():
+            continue  # somebody put it there: bags have none
+        _check_part(part, bag)
         if part.name == METADATA:
             _check_metadata(part)
         elif _is_sqlite(part):
@@ -51,6 +53,7 @@ def checked(bag: Path) -> Iterator[Path]:
             raise InputError(f"it is no bag, or damaged: a compressed file of it does not end in {PACKED}")
         plain, left = [folder / PurePath(name).stem for name in names], MORE_BYTES
         for name, part in zip(names, plain, strict=True):
+            _check_part(bag / name, bag)
             left -= _unpack(bag / name, part, left)
             if _is_sqlite(part):
                 _check_tables(part)
@@ -70,9 +73,16 @@ def _compressed(bag: Path) -> dict[str, Any] | None:
     return told
 
 
+def _check_part(part: Path, bag: Path) -> None:
+    """Raise InputError for what is no file, with its name unless it is the bag itself."""
+    try:
+        check_is_file(part)
+    except InputError as error:
+        raise InputError(f"{part.name}: {error}" if part != bag else str(error)) from None
+
+
 def _unpack(source: Path, target: Path, most: int) -> int:
     """Unpack a file of at most so many bytes; how many it has. Raises InputError for more."""
-    check_is_file(source)
     size = 0
     with zstd.open(source, "rb") as packed, target.open("wb") as out:
         while part := packed.read(PART_BYTES):

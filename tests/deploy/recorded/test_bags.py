@@ -2,6 +2,7 @@
 
 import bz2
 import math
+import os
 import sqlite3
 import sys
 from collections.abc import Callable
@@ -406,6 +407,19 @@ def test_a_compressed_file_is_named_as_one(tmp_path: Path) -> None:
     file = folder / "metadata.yaml"
     file.write_text(file.read_text().replace(".zstd", ".zst"))
     with pytest.raises(InputError, match=r"does not end in \.zstd"):
+        read(folder)
+
+
+def test_of_a_folder_the_part_that_is_wrong_is_named(tmp_path: Path) -> None:
+    folder = write_bag(tmp_path, "mcap", drive(ROS2, 1), whole_files_compressed=True)
+    (folder / "plots").mkdir()
+    assert len(read(folder).scans) == 1
+    (part,) = folder.glob("*.zstd")
+    part.unlink()
+    with pytest.raises(InputError, match=rf"{folder}: {part.name}: there is no such file$"):
+        read(folder)
+    os.mkfifo(part)
+    with pytest.raises(InputError, match=rf"{folder}: {part.name}: this is no file$"):
         read(folder)
 
 
