@@ -199,7 +199,7 @@ def _pose(element: Element) -> Matrix:
     pose = element.find("pose")
     text = "" if pose is None else (pose.text or "").strip()
     x, y, z, roll, pitch, yaw = _numbers(text, 6) if text else [0.0] * 6
-    if pose is not None and pose.get("degrees") == "true":
+    if pose is not None and pose.get("degrees", "").lower() in ("true", "1"):
         roll, pitch, yaw = map(math.radians, (roll, pitch, yaw))
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle), math.cos(angle)) for angle in (roll, pitch, yaw))
     return np.array(

@@ -98,8 +98,9 @@ def _sources(file: Path) -> set[Path]:
     found = {file.resolve()}
     if file.suffix.lower() in (".yaml", ".yml"):
         about = read_document(file)
-        if isinstance(about, dict) and isinstance(about.get("image"), str):
-            found.add((file.parent / about["image"]).resolve())
+        image = about.get("image") if isinstance(about, dict) else None
+        if isinstance(image, str) and (file.parent / image).is_file():  # not every text is a path
+            found.add((file.parent / image).resolve())
     return found
 
 

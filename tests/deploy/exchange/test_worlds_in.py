@@ -132,6 +132,14 @@ def test_a_shape_with_corners_at_the_height_is_cut(pose: str, area: float) -> No
     assert sum(cut.area for cut in read_sdf(root, 0.5).areas) == pytest.approx(area)
 
 
+@pytest.mark.parametrize("word", ["true", "True", "1", "false", "0"])
+def test_angles_are_degrees_by_any_word_of_sdf(word: str) -> None:
+    link = BOX.format(f"<pose degrees='{word}'>0 0 0 0 0 90</pose>", "4 1 1")
+    (area,) = read_sdf(parse_xml(f"<sdf><model>{link}</model></sdf>")).areas
+    degrees = word in ("true", "True", "1")
+    assert (area.bounds == pytest.approx((-0.5, -2, 0.5, 2))) == degrees
+
+
 def test_an_included_file_is_read_once_and_not_for_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file of 10 MB could name another one 100,000 times."""
     (tmp_path / "box").mkdir()
@@ -348,6 +356,7 @@ BAD = {
     "m.yaml": "image: m.yaml\nresolution: 0.05",
     "n.yaml": "image: m.yaml\nresolution: .nan",
     "o.yaml": "image: [1]\nresolution: 1",
+    "nul.yaml": 'image: "a\\0b.pgm"\nresolution: 0.05',
     "p.dxf": "0\nSECTION\n2\n",
     "huge.dxf": DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
     "many.dxf": DXF.format(CIRCLE.format(9e4) * 7),
