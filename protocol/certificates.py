@@ -56,8 +56,10 @@ def read_roster(folder: Path) -> dict[str, Identity]:
 
 
 def fingerprint(certificate: str) -> str:
-    """SHA-256 of a certificate in PEM. Raises ValueError."""
-    return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate)).hexdigest()
+    """SHA-256 of a certificate in PEM, the first of a text, which may begin with anything. Raises ValueError."""
+    begin = certificate.index(ssl.PEM_HEADER)
+    end = certificate.index(ssl.PEM_FOOTER, begin) + len(ssl.PEM_FOOTER)
+    return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate[begin:end])).hexdigest()
 
 
 class Certificates:
@@ -102,7 +104,11 @@ class Certificates:
     def connecting(self, name: str) -> dict[str, object]:
         """The certificate to show, the authority of the one to be shown, and the session's ID."""
         tls = self._tls(name, "connect")
-        return {"id": zenoh_id(fingerprint(read_text(self._file(f"{name}.pem")))), "transport/link/tls": tls}
+        try:
+            own = fingerprint(read_text(self._file(f"{name}.pem")))
+        except ValueError:  # OpenSSL takes other words for CERTIFICATE, too
+            raise InputError(f"--certs {self._folder}: {name}.pem does not hold a certificate as PEM has it") from None
+        return {"id": zenoh_id(own), "transport/link/tls": tls}
 
     @contextmanager
     def listening(self) -> Iterator[dict[str, object]]:

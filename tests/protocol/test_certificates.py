@@ -264,6 +264,17 @@ def test_what_is_wrong_with_a_folder_is_one_sentence(certs: Path, file: str, con
             Certificates(certs, ["r1"]).connecting("r1")
 
 
+def test_a_certificate_may_have_text_around_it_but_needs_its_own_header(certs: Path) -> None:
+    """A blank line before it was a traceback, and openssl writes more than that."""
+    file, own = certs / "r1.pem", Certificates(certs, ["r1"])
+    text, before = file.read_text(), own.connecting("r1")
+    file.write_text(f"\nBag Attributes\n{text}\n{(certs / 'ca.pem').read_text()}")
+    assert own.connecting("r1") == before
+    file.write_text(text.replace("CERTIFICATE", "X509 CERTIFICATE"))
+    with pytest.raises(InputError, match=r"r1\.pem does not hold a certificate"):
+        own.connecting("r1")
+
+
 def test_certificates_are_such_that_others_take_them(certs: Path) -> None:
     context = ssl.create_default_context(cafile=certs / "ca.pem")
     context.verify_flags |= ssl.VERIFY_X509_STRICT
