@@ -1,9 +1,10 @@
 """YAML and JSON, which is YAML, that people give: read without recursion and within bounds, plain values only."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import yaml
 
@@ -12,7 +13,8 @@ from protocol.errors import InputError
 MAX_BYTES = 10_000_000
 """Largest file; a thousand walls take 50 kB (ours)."""
 MAX_RESULT_BYTES = 1 << 28
-"""Largest result of a run: `metrics.csv` of 100 robots and two hours takes 60 MB."""
+"""Largest result of a run that is read as a whole, and longest line of others: `metrics.csv` of 100 robots and two
+hours takes 60 MB."""
 MAX_DEPTH = 32
 """Lists and maps within each other; a polygon's point is at level 5 (ours)."""
 MAX_VALUES = 300_000
@@ -79,13 +81,29 @@ def check_size(file: Path, max_bytes: int = MAX_BYTES) -> None:
 
 def read_text(file: Path, max_bytes: int = MAX_BYTES) -> str:
     """The text of a file. Raises InputError without the file's name."""
-    try:
-        check_is_file(file)
-        with file.open("rb") as stream:
-            data = stream.read(max_bytes + 1)
+    with _opened(file) as stream:
+        data = stream.read(max_bytes + 1)
         if len(data) > max_bytes:
             raise InputError(f"larger than {max_bytes} bytes")
         return data.decode()
+
+
+def read_lines(file: Path, max_bytes: int = MAX_RESULT_BYTES) -> Iterator[str]:
+    """The lines of a text of any length, each of at most so many bytes. Raises InputError without the file's name."""
+    with _opened(file) as stream:
+        while line := stream.readline(max_bytes + 1):
+            if len(line) > max_bytes:
+                raise InputError(f"a line is longer than {max_bytes} bytes")
+            yield line.decode()
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[BinaryIO]:
+    """A file whose bytes are read and decoded. Raises InputError without the file's name."""
+    try:
+        check_is_file(file)
+        with file.open("rb") as stream:
+            yield stream
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

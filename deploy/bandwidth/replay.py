@@ -16,7 +16,7 @@ from deploy.bandwidth.books import NoRunError, check_has, check_simulated
 from deploy.config import RunConfig
 from deploy.report.rundir import BROKEN, read_trajectory, read_truth
 from protocol.arrays import Floats
-from protocol.document import MAX_RESULT_BYTES, read_text
+from protocol.document import read_lines
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from protocol.settings import RAN
@@ -102,7 +102,7 @@ def read_track(file: Path) -> Floats:
 
 def _deaths(file: Path) -> dict[str, int]:
     """The tick at which each dead robot died. Raises one of BROKEN."""
-    events = [json.loads(line) for line in read_text(file, MAX_RESULT_BYTES).splitlines()]
+    events = map(json.loads, read_lines(file))
     ends = {str(event["robot"]): event["tick"] for event in events if event["event"] == "dead"}
     if not all(type(tick) is int and tick >= 0 for tick in ends.values()):
         raise ValueError(f"{file.name}: a robot died at no tick")

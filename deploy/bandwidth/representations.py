@@ -8,6 +8,7 @@ Baselines pay for their bytes alone; only ours pays for headers, acknowledgement
 import io
 import json
 import zlib
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
 from deploy.report.rundir import BROKEN, MAX_TIME_S, as_map
 from deploy.terminal.console import Terminal
-from protocol.document import MAX_RESULT_BYTES, read_text
+from protocol.document import read_lines
 from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.frames import FRAMES
@@ -120,9 +121,12 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     (books, ours), seen = read_traffic(run, OURS), seen_again(run, config)
     check_has(run, "updates.jsonl")
     period_s = 1 / config.spec.lidar.rate_hz
+    named, told = {row.sender for row in ours}, defaultdict[str, list[tuple[int, str]]](list)
     try:
-        lines = _lines(run / "updates.jsonl")
-        named = {name for line in lines for name in (line.robot, *line.told)}.union(row.sender for row in ours)
+        for text in read_lines(run / "updates.jsonl"):
+            line = _line(text)
+            named.update((line.robot, *line.told))
+            told[line.robot].append((line.tick, text))  # parsed, its map takes seven times the memory
         if unknown := named.difference(seen):
             raise ValueError(f"its files name {min(unknown):.40}, and truth.json does not")
     except BROKEN as error:
@@ -131,7 +135,7 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     beacons, views, frames = (on_air(books, kind) for kind in (BEACON, VIEWS, FRAMES))
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
-    own = [sorted((line for line in lines if line.robot == robot), key=lambda line: line.tick) for robot in live]
+    own = [[text for _, text in sorted(told[robot])] for robot in live]
     charged = (pool.map if pool else map)(partial(_charged, config), live.values(), own)
     try:
         found = dict(zip(live, _watched(charged, len(live)) if pool else charged, strict=True))
@@ -155,22 +159,22 @@ def _watched(done: Iterable[Charged], total: int) -> Iterable[Charged]:
     return track(done, "bandwidth", total, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _lines(file: Path) -> list[_Line]:
-    """The lines of updates.jsonl. Raises one of BROKEN."""
+def _line(text: str) -> _Line:
+    """What a line of updates.jsonl says. Raises ValueError."""
     try:
-        return [_Line.model_validate_json(line) for line in read_text(file, MAX_RESULT_BYTES).splitlines()]
+        return _Line.model_validate_json(text)
     except ValidationError as error:
         wrong = error.errors()[0]
-        raise ValueError(f"{file.name}: {'.'.join(map(str, wrong['loc']))}: {wrong['msg']}") from None
+        raise ValueError(f"updates.jsonl: {'.'.join(map(str, wrong['loc']))}: {wrong['msg']}") from None
 
 
-def _charged(config: WorldConfig, seen: Seen, lines: Iterable[_Line]) -> Charged:
+def _charged(config: WorldConfig, seen: Seen, lines: Iterable[str]) -> Charged:
     """A robot's updates by its lines of updates.jsonl, in order, and the free area that its grid has at its end.
 
     Raises InputError for a map that no robot tells, and for poses too far apart.
     """
     forms = _Forms(seen, config)
-    updates = [update for line in lines for update in forms.charge(line)]
+    updates = [update for line in lines for update in forms.charge(_line(line))]
     return updates, float((forms.states(len(seen.ranges) - 1) == 1).sum() * CELL_M**2)
 
 

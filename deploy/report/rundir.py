@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from protocol.arrays import Floats
-from protocol.document import MAX_RESULT_BYTES, read_text
+from protocol.document import MAX_RESULT_BYTES, read_lines, read_text
 from protocol.errors import InputError
 from protocol.geometry import apply
 from protocol.messages import LidarSpec
@@ -284,12 +284,13 @@ def _as_object(text: str) -> dict[str, Any]:
 
 def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
-    lines, objects = _text(file).splitlines(), []
-    for line in lines:
+    objects, count = [], 0
+    for line in read_lines(file):
+        count += 1
         with suppress(ValueError, RecursionError):
             objects.append(_as_object(line))
-    if bad := len(lines) - len(objects):
-        run.note(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
+    if bad := count - len(objects):
+        run.note(f"{file.relative_to(run.path)}: {bad} of {count} lines are no JSON objects")
     return objects
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deploy.report.story import forgets
-from protocol.document import MAX_RESULT_BYTES, read_text
+from protocol.document import read_lines
 
 
 @dataclass
@@ -32,7 +32,7 @@ def fates(out: Path) -> list[PairFate]:
     """
     pairs: dict[tuple[str, str], PairFate] = {}
     holding: defaultdict[str, list[PairFate]] = defaultdict(list)
-    for line in read_text(out / "events.jsonl", MAX_RESULT_BYTES).splitlines():
+    for line in read_lines(out / "events.jsonl"):
         event: Any = None
         with suppress(ValueError, RecursionError):
             event = json.loads(line)

@@ -1,10 +1,11 @@
 """YAML and JSON that people give: what is taken, and what is refused in which words."""
 
 import json
+from pathlib import Path
 
 import pytest
 
-from protocol.document import parse_document
+from protocol.document import parse_document, read_lines
 from protocol.errors import InputError
 
 
@@ -30,3 +31,17 @@ def test_half_a_character_is_refused() -> None:
 def test_fields_that_are_one_are_named(text: str, said: str) -> None:
     with pytest.raises(InputError, match=f"^{said}$"):
         parse_document(text)
+
+
+def test_a_file_is_read_line_by_line_however_long_it_is(tmp_path: Path) -> None:
+    """`wireswarm bandwidth` refused finished runs whose robots had told more than 256 MiB of maps."""
+    (tmp_path / "lines").write_bytes(b"a\xe2\x80\xa8b\n" * 100 + b"c")
+    assert list(read_lines(tmp_path / "lines", 6)) == [*["a\u2028b\n"] * 100, "c"]
+    for content, said in ((b"a\n1234567", "a line is longer than 6 bytes"), (b"a\n\xff\n", "no text in UTF-8")):
+        (tmp_path / "lines").write_bytes(content)
+        lines = read_lines(tmp_path / "lines", 6)
+        assert next(lines) == "a\n"
+        with pytest.raises(InputError, match=f"^{said}$"):
+            next(lines)
+    with pytest.raises(InputError, match=r"^there is no such file$"):
+        next(read_lines(tmp_path / "none"))
