@@ -27,7 +27,8 @@ from world import maze
 BUNDLED = Path(__file__).parent / "bundled"
 
 SLIT_M = 2e-3
-"""Narrower gaps between abutting solids are closed (as in the scorer): a yaw of 1.5708 is not pi/2."""
+"""Solids are grown and shrunk by this, which closes gaps up to twice as wide (as in the scorer): a yaw of 1.5708 is not
+pi/2."""
 THIN_M = 2e-4
 """Thickness given to walls without one, because a solid needs an inside (as in the scorer)."""
 STRAIGHT_M = 5e-5

@@ -44,7 +44,7 @@ def test_free_space_lies_on_the_left_of_every_segment() -> None:
 
 
 def test_slits_are_closed_and_gaps_are_not() -> None:
-    for gap, regions in ((0.001, 1), (0.5, 2)):
+    for gap, regions in ((0.0039, 1), (0.0041, 2)):
         walls = [[0, 0, 0, 2, 0.1], [2 + gap, 0, 0, 2, 0.1]]
         world = worldfile.from_document({"boxes": walls})
         assert len(worldfile.polygons_of(world.solid)) == regions
