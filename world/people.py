@@ -25,7 +25,8 @@ STRIDE_M = 4 * STEP_M
 ROOM_M = 0.4
 """The middle of a body stays this far from walls; its legs reach 0.33 m."""
 GAP_M = 0.6
-"""Nobody goes nearer than this to the middle of a robot or of another: their bodies are 0.2 m apart then."""
+"""Nobody goes nearer than this to the middle of another: their bodies are 0.2 m apart then. From a robot that is wider
+than a coat all stay as much farther away."""
 SPEEDS_MPS, WAYS_M, REST_S = (0.4, 1.2), (0.5, 8.0), 5.0
 """Bounds of a walk's speed and length, and of the rest after it."""
 PATIENCE_S = 1.0
@@ -45,6 +46,7 @@ class People:
         Raises WorldFileError where there is no room.
         """
         self._period_s, self._rng = period_s, rng
+        self._robot_gap_m = GAP_M + max(0.0, radius_m - COAT_M)
         self._homes: list[Polygon] = []
         self.places = np.zeros((count, 2))
         """(m, 2) where they are, in the world."""
@@ -60,7 +62,7 @@ class People:
         self._before, self._walked_before = self.places.copy(), self._walked.copy()
         for person in range(len(self.places)):
             others = np.vstack([robots, np.delete(self.places, person, 0)])
-            self._step(person, others)
+            self._step(person, others, self._gaps(len(robots), len(others)))
 
     def bodies(self, steps: int) -> Floats:
         """(steps, d, 3) x, y, radius of legs and coats at equal steps of the last period (`world.way`)."""
@@ -93,29 +95,34 @@ class People:
         names = ("places", "_before", "_heading", "_walked", "_walked_before", "_target", "_speed", "_rest", "_stopped")
         return {name: getattr(self, name) for name in names}
 
+    def _gaps(self, robots: int, others: int) -> Floats:
+        """(others,) m, how far to stay away from others, of whom so many are robots and the first."""
+        return np.repeat([self._robot_gap_m, GAP_M], [robots, others - robots])
+
     def _enter(self, person: int, world: World, robots: Floats, radius_m: float) -> Polygon:
         """Draw a place, and return the region in which the person can walk."""
         x, y = robots[0].tolist()
         there = world.region_of(x, y, radius_m)
         regions = [region for region in world.regions(ROOM_M) if there is not None and region.intersects(there)]
         others = np.vstack([robots, self.places[:person]])
-        area = shapely.union_all(regions)
+        gaps, area = self._gaps(len(robots), len(others)), shapely.union_all(regions)
         for _ in range(100 * TRIES if regions else 0):
             place = self._rng.uniform(area.bounds[:2], area.bounds[2:])
-            if shapely.contains_xy(area, *place) and np.hypot(*(others - place).T).min() > GAP_M:
+            if shapely.contains_xy(area, *place) and (np.hypot(*(others - place).T) > gaps).all():
                 self.places[person] = place
                 return next(region for region in regions if shapely.contains_xy(region, *place))
         raise WorldFileError(f"{world.source}: no room for {len(self.places)} people beside the robots")
 
-    def _step(self, person: int, others: Floats) -> None:
-        """Move one person for a period, unless it rests or would come near to others (n, 2)."""
+    def _step(self, person: int, others: Floats, gaps: Floats) -> None:
+        """Move one person for a period, unless it rests or would come nearer to others (n, 2) than gaps (n,)."""
         self._rest[person] -= self._period_s
         here, way = self.places[person], self._target[person] - self.places[person]
         left = math.hypot(*way)
-        near = others[np.hypot(*(others - here).T) < GAP_M + SPEEDS_MPS[1] * self._period_s] - here
+        close = np.hypot(*(others - here).T) < gaps + SPEEDS_MPS[1] * self._period_s
+        near = others[close] - here
         arrived = left < 1e-9
         move = way * min(1.0, self._speed[person] * self._period_s / max(left, 1e-9))
-        closer = np.hypot(*(near - move).T) < np.minimum(np.hypot(*near.T), GAP_M)
+        closer = np.hypot(*(near - move).T) < np.minimum(np.hypot(*near.T), gaps[close])
         in_the_way = len(near) > 0 if arrived else bool(closer.any())
         self._stopped[person] = self._stopped[person] + self._period_s if in_the_way else 0.0
         if self._stopped[person] > PATIENCE_S or (arrived and self._rest[person] <= 0):

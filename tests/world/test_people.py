@@ -19,9 +19,9 @@ from world.worldfile import WorldFileError
 CONFIG = WorldConfig(world="office", robots=2, people=4, until=20.0, spec=RobotSpec(lidar=LidarSpec(turning=True)))
 
 
-def crowd(count: int, seed: int = 1) -> People:
+def crowd(count: int, seed: int = 1, radius_m: float = 0.105) -> People:
     office = worldfile.load("office")
-    return People(count, office, office.spawns[:2], 0.105, 0.2, np.random.default_rng(seed))
+    return People(count, office, office.spawns[:2], radius_m, 0.2, np.random.default_rng(seed))
 
 
 def test_they_walk_stay_clear_of_walls_and_stop_before_others() -> None:
@@ -41,6 +41,19 @@ def test_they_walk_stay_clear_of_walls_and_stop_before_others() -> None:
         discs = people.bodies(3).reshape(-1, 3)
         assert (shapely.distance(office.solid, shapely.points(discs[:, :2])) > discs[:, 2]).all()
     assert (went > 60).all() and went.mean() > 150  # of 600 s
+
+
+def test_they_stay_clear_of_robots_of_any_width() -> None:
+    """They walked into robots of more than half a metre."""
+    radius_m, robots = 0.8, worldfile.load("office").spawns[:2, :2]
+    people = crowd(6, radius_m=radius_m)
+    for _ in range(300):
+        people.advance(robots)
+        discs = people.bodies(1)[0]
+        apart = np.hypot(*(discs[:, None, :2] - robots).T) - discs[:, 2] - radius_m
+        assert apart.min() > 0
+        among = np.hypot(*(people.places[:, None] - people.places).T) + 9 * np.eye(6)
+        assert among.min() > GAP_M - 1e-9
 
 
 def test_their_bodies_move_evenly_from_tick_to_tick() -> None:
