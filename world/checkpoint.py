@@ -30,7 +30,7 @@ MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
 LOG_BYTES = 1 << 26
 """Of the log, from which on a new state is due: a hostile robot may answer 2 MB in a tick."""
-FORMAT = 8
+FORMAT = 9
 """Version of the file; others are refused."""
 LOOK_AGAIN_S = 0.05
 """A new checkpoint is not locked for a moment, in which its world seems to be gone; not at two looks."""

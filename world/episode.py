@@ -10,7 +10,7 @@ import numpy as np
 
 from protocol.arrays import Floats
 from protocol.checksum import UNREADABLE
-from protocol.messages import PROTOCOL_VERSION, LinkTable, Observation, Welcome
+from protocol.messages import PROTOCOL_VERSION, Action, LinkTable, Observation, Welcome
 from protocol.wireframe import Wireframe
 from world.checkpoint import CHECKPOINT_FILE, Checkpoint, CheckpointError, State, restore_rng, rng_state
 from world.config import WorldConfig
@@ -59,8 +59,8 @@ class Episode:
         """Seconds that the run took; set by the shell before `close`, because the core has no clock."""
         self.wire: dict[str, Any] | None = None
         """Bytes on the robots' links for bandwidth.json; set by the shell before `close`."""
-        self.complete = dict.fromkeys(self.robots, False)
-        """Whether each robot's last action said that it is complete."""
+        self.actions: dict[str, Action] = {}
+        """Each robot's last action: what it had merged, whether it was complete, and how it drove."""
         self.processes: dict[str, str] = {}
         """By which the shell knows the process of each robot that has joined; see `arrive`."""
         self.dead: dict[str, str] = {}
@@ -150,7 +150,7 @@ class Episode:
             "settings": self._settings,
             "run": self._run,
             "tick": self.tick,
-            "complete": self.complete,
+            "actions": {robot: action.model_dump(exclude={"events"}) for robot, action in self.actions.items()},
             "processes": self.processes,
             "dead": self.dead,
             "late_ticks": self.late_ticks,
@@ -167,7 +167,8 @@ class Episode:
         self.tick, self._run = int(state["tick"]), str(state["run"])
         self.late_ticks, self.links_lost = int(state["late_ticks"]), int(state["links_lost"])
         self._checkpoint_tick = self.tick
-        self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
+        for robot, action in state["actions"].items():
+            self.actions[robot] = Action.model_validate(action)
         self.processes.update(state["processes"])
         self.dead.update(state["dead"])
         self._physics.restore(state["physics"])
@@ -187,6 +188,11 @@ class Episode:
     def live(self) -> list[str]:
         """Robots that are not dead."""
         return [robot for robot in self.robots if robot not in self.dead]
+
+    @property
+    def complete(self) -> dict[str, bool]:
+        """Whether each robot's last action said that it is complete."""
+        return {robot: robot in self.actions and self.actions[robot].complete for robot in self.robots}
 
     @property
     def absent(self) -> list[str]:
@@ -305,9 +311,8 @@ class Episode:
         self.book()
         commands = np.zeros((len(self.robots), 2))
         for robot in live:
-            action = outputs[robot].action
+            action = self.actions[robot] = outputs[robot].action
             commands[self._rows[robot]] = action.speed_mps, action.turn_rps
-            self.complete[robot] = action.complete
             self._answered.append((self.tick, robot, outputs[robot], maps[robot]))
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
@@ -327,10 +332,10 @@ class Episode:
             self._checkpoint_tick = self.tick
 
     def _end(self) -> str | None:
-        until = self.config.until
+        until, complete = self.config.until, self.complete
         if not self.live:
             return "dead"
-        if until == "complete" and all(self.complete[robot] for robot in self.live):
+        if until == "complete" and all(complete[robot] for robot in self.live):
             return "complete"
         limit = self.config.max_time_s if until == "complete" else min(until, self.config.max_time_s)
         return "time" if self.t >= limit - 1e-6 else None
@@ -384,7 +389,7 @@ class Episode:
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""
         self.book()
-        how = {robot: "complete" if self.complete[robot] else self.ended or "interrupted" for robot in self.robots}
+        how = {robot: "complete" if done else self.ended or "interrupted" for robot, done in self.complete.items()}
         how |= dict.fromkeys(self.dead, "dead")
         figures = self._ledger.robot_figures(self._physics)
         return {

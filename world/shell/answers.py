@@ -1,6 +1,6 @@
 """What robots answer to a tick, gathered message by message."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from protocol import keys
@@ -139,16 +139,16 @@ class RealTimeAnswers(Answers):
     A robot without an action goes on with its last one for one tick, then stands still until it answers.
     """
 
-    def __init__(self, robots: Iterable[str]) -> None:
+    def __init__(self, robots: Iterable[str], last: Mapping[str, Action]) -> None:
+        """last: the last action of each robot that has answered, as the episode keeps them on."""
         super().__init__(robots)
-        self._last: dict[str, Action] = {}
+        self._last = last
         self._missed = dict.fromkeys(self._answers, 0)
 
     def _outputs(self, robot: str, answer: Answer, tick: int) -> Outputs:
         action = answer.action
         self._missed[robot] = 0 if action is not None else self._missed[robot] + 1
         action = action or self._last.get(robot) or _standing(tick)
-        self._last[robot] = action
         now = {"tick": tick}
         said = {"sent": len(answer.sends), "events": answer.events}
         missed = {"step_ms": 0.0} if answer.action is None else {}

@@ -20,7 +20,7 @@ from protocol.session import at_once, open_client, open_router, wait_for_matchin
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
 from world.recorder import REPLACED
-from world.shell.answers import LockstepAnswers, RealTimeAnswers
+from world.shell.answers import Answers, LockstepAnswers, RealTimeAnswers
 from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox, refuse
 from world.shell.participants import Awaited, Participants
 from world.shell.roll_call import count
@@ -147,7 +147,9 @@ class Shell:
         self._known = known
         self._participants = Participants(episode.robots, episode.dead, linked, known)
         self._participants.processes.update(episode.processes)
-        self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
+        self._answers: Answers = LockstepAnswers(episode.robots)
+        if not self._lockstep:
+            self._answers = RealTimeAnswers(episode.robots, episode.actions)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
         self._away: dict[str, int] = {}

@@ -10,7 +10,7 @@ from world.shell.answers import RealTimeAnswers
 
 
 def test_several_actions_of_a_tick_say_no_more_events_than_one_may() -> None:
-    answers = RealTimeAnswers(["r1"])
+    answers = RealTimeAnswers(["r1"], {})
     many = [Event(event="e", data={"v": [None] * (MAX_EVENT_VALUES - 1)})]
     said = encode(Action(tick=0, speed_mps=0.0, turn_rps=0.0, events=many))
     for tick in range(3):

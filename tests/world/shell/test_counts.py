@@ -45,17 +45,37 @@ def test_a_world_that_goes_on_counts_on(tmp_path: Path) -> None:
     assert (summary["late_ticks"], summary["links_lost"]) == (7, 3)
 
 
-@pytest.mark.parametrize("kind", [LockstepAnswers, RealTimeAnswers])
-def test_the_time_of_a_step_is_that_of_steps_that_were_made(tmp_path: Path, kind: type[Answers]) -> None:
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_the_time_of_a_step_is_that_of_steps_that_were_made(tmp_path: Path, lockstep: bool) -> None:
     """Before a robot joined it counted as 0, and in real time a missed tick counted the step before again."""
     episode = Episode(tiny_config(tmp_path, robots=1), None)
-    answers = kind(episode.robots)
+    answers: Answers = LockstepAnswers(episode.robots) if lockstep else RealTimeAnswers(episode.robots, episode.actions)
     while episode.tick < 9:
         for step_ms in {2: [40.0], 8: [10.0]}.get(episode.tick, []):
             action = Action(tick=episode.tick, speed_mps=0.0, turn_rps=0.0, step_ms=step_ms)
             answers.hear("r1", keys.ACT, encode(action), episode.tick)
         episode.advance({"r1": answers.take("r1", episode.tick)})
     assert episode.summary()["robots"]["r1"]["step_ms_median"] == 25.0
+
+
+@pytest.mark.parametrize("ticks", [3, round(5 * CHECKPOINT_S)], ids=["from-the-log", "from-the-checkpoint"])
+def test_in_real_time_a_world_that_goes_on_knows_what_robots_said_last(tmp_path: Path, ticks: int) -> None:
+    """Until they were back they had merged nothing, were not complete and had no map: for good, if they never were."""
+    config = tiny_config(tmp_path, robots=2)
+    episode = Episode(config, tmp_path / "out")
+    answers = RealTimeAnswers(episode.robots, episode.actions)
+    for tick in range(ticks):
+        said = Action(tick=tick, speed_mps=0, turn_rps=0, complete=True, map_bytes=7, merged={"r2": tick})
+        answers.hear("r1", keys.ACT, encode(said), tick)
+        episode.advance({robot: answers.take(robot, tick) for robot in episode.live})
+    before = episode.coverage
+    del episode, answers  # it holds the directory
+    episode = Episode.resume(config, tmp_path / "out")
+    answers = RealTimeAnswers(episode.robots, episode.actions)
+    episode.advance({robot: answers.take(robot, ticks) for robot in episode.live})
+    told = episode.summary()["robots"]["r1"]
+    assert (told["map_bytes"], told["ended"]) == (7, "complete")
+    assert episode.coverage["r1"] >= before["r1"] > before["r2"]
 
 
 def test_in_real_time_robots_leave_with_a_killed_world_and_rejoin(tmp_path: Path) -> None:
