@@ -204,7 +204,8 @@ class Shell:
         while self.episode.ended and self._still_away and self._take(begin + timeout_s):
             pass
         deadline = begin + timeout_s
-        first = self.config.begin_with or len(self.episode.robots)
+        everybody = len(self.episode.robots)  # with `settle_s` fewer may have come than begin_with
+        first = min(self.config.begin_with or everybody, everybody)
         while not self._here and len(self._participants.ready) < first:
             missing = self._participants.missing
             if not self._take_awaited(deadline, first):

@@ -52,7 +52,8 @@ def world(config: RunConfig, out: Path, counted: list[int], **more: object) -> I
 
 
 def test_a_run_is_for_those_who_come_and_as_if_for_so_many_from_the_start(tmp_path: Path) -> None:
-    config, counted = tiny_config(tmp_path, robots=8, until=4.0), list[int]()
+    server = {"begin_with": 5, "join_timeout_s": 5.0}  # more than come
+    config, counted = tiny_config(tmp_path, robots=8, until=4.0, server=server), list[int]()
     secrets = new_secrets(config.robot_ids)
     with (
         world(config, tmp_path / "out", counted, credentials=secrets) as (endpoint, ended),
