@@ -37,6 +37,8 @@ MAX_TEXT = 1000
 """Characters of a text (ours)."""
 MAX_EVENTS = 1000
 """Events of a robot in a tick (ours)."""
+WORLD_EVENTS = frozenset({"dead", "joined", "left", "muted", "rejoined"})
+"""Of what becomes of a robot: only the world says so, and whoever reads events.jsonl believes it."""
 MAX_EVENT_DEPTH = 8
 """Levels of nested values in an event (ours). A transform in a list of candidates is at level 4."""
 MAX_EVENT_VALUES = 10_000
@@ -66,6 +68,12 @@ Payload = Annotated[bytes, Field(max_length=2**20)]
 def clipped(text: str) -> str:
     """As much of a text as a message holds: what a robot did wrong may quote it at length."""
     return text[:MAX_TEXT]
+
+
+def _of_a_robot(event: str) -> str:
+    if event in WORLD_EVENTS:
+        raise ValueError(f"only the world says {event}")
+    return event
 
 
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
@@ -357,9 +365,9 @@ class SharedPlace(Message):
 
 
 class Event(Message):
-    """A line of events.jsonl."""
+    """A robot's line of events.jsonl."""
 
-    event: Kind
+    event: Annotated[Kind, AfterValidator(_of_a_robot)]
     data: Annotated[dict[str, Any], AfterValidator(_bounded_json)] = {}
     """JSON values, numbers within MAX_NUMBER, of limited size."""
 

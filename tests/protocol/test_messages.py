@@ -22,6 +22,7 @@ from protocol.messages import (
     MAX_ROBOTS,
     MAX_TICK,
     MAX_WAY,
+    WORLD_EVENTS,
     Action,
     Clock,
     End,
@@ -61,7 +62,8 @@ json_values = st.recursive(
     max_leaves=20,
 )
 scans = st.lists(st.floats(0, width=32) | st.just(math.nan), max_size=400).map(lambda r: np.asarray(r, "<f4").tobytes())
-events = st.builds(Event, event=ids, data=st.dictionaries(texts, json_values, max_size=4).filter(
+words = ids.filter(lambda word: word not in WORLD_EVENTS)
+events = st.builds(Event, event=words, data=st.dictionaries(texts, json_values, max_size=4).filter(
     lambda data: depth(data) <= MAX_EVENT_DEPTH
 ))  # fmt: skip
 clocks = st.builds(
@@ -224,6 +226,12 @@ def test_a_join_is_short_whatever_it_says() -> None:
     longest = Join(version=2**63, robot="r" * 16, session="0" * 32, process="0" * 16)
     assert decode(Join, encode(longest)) == longest
     assert "at most 512" in refused(Join, encode(longest) + bytes(512))
+
+
+@pytest.mark.parametrize("event", sorted(WORLD_EVENTS))
+def test_what_becomes_of_a_robot_only_the_world_says(event: str) -> None:
+    said = {"tick": 0, "speed_mps": 0.0, "turn_rps": 0.0, "events": [{"event": event}]}
+    assert f"events.0.event: Value error, only the world says {event}" in refused(Action, msgpack.packb(said))
 
 
 def test_no_more_robots_are_told_of_than_a_run_may_have() -> None:

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from protocol import keys
-from protocol.messages import PROTOCOL_VERSION, Message
+from protocol.messages import PROTOCOL_VERSION, WORLD_EVENTS, Message
 from tests.protocol.transcript import PAGE, captured, page
 
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -36,6 +36,10 @@ def test_the_captured_run_is_what_travels_today() -> None:
 def test_every_field_of_every_message_is_in_its_rows(kind: type[Message]) -> None:
     rows = rows_of(WITHIN.get(kind.__name__, kind.__name__))
     assert [name for name in kind.model_fields if not re.search(rf"`(\w+\.)*{name}`", rows)] == []
+
+
+def test_the_page_has_the_events_that_are_no_robots() -> None:
+    assert [event for event in sorted(WORLD_EVENTS) if f"`{event}`" not in rows_of("Action")] == []
 
 
 def test_the_page_has_every_key_and_the_version() -> None:
