@@ -23,6 +23,8 @@ class Answer:
     sends: list[Send] = field(default_factory=list)
     sent_bytes: int = 0
     """Of their payloads."""
+    late: int = 0
+    """How many of them came before an action: in real time those of an earlier tick may come in this one."""
     events: list[Event] = field(default_factory=list)
     event_values: int = 0
     """In the events."""
@@ -46,16 +48,19 @@ class Answers:
             return False
         match message:
             case Send():
-                if len(answer.sends) == MAX_SENDS:  # said here, as a robot may go on for ever before its action
-                    raise ProtocolError(f"more than {MAX_SENDS} messages in one tick")
+                answer.sends.append(message)
                 answer.sent_bytes += len(message.payload)
+                while answer.late and (len(answer.sends) > MAX_SENDS or answer.sent_bytes > MAX_SENT_BYTES):
+                    answer.late -= 1  # a radio has no room for both, and no robot knows that it is late
+                    answer.sent_bytes -= len(answer.sends.pop(0).payload)
+                if len(answer.sends) > MAX_SENDS:  # said here, as a robot may go on for ever before its action
+                    raise ProtocolError(f"more than {MAX_SENDS} messages in one tick")
                 if answer.sent_bytes > MAX_SENT_BYTES:
                     raise ProtocolError(f"messages of more than {MAX_SENT_BYTES} bytes in one tick")
-                answer.sends.append(message)
             case MapReport():
                 answer.map = message
             case Action():
-                answer.action = message
+                answer.action, answer.late = message, len(answer.sends)
                 # in real time several actions may come in one tick
                 answer.events.extend(message.events)
                 answer.event_values += values_in(message.events)

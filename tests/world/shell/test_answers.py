@@ -5,8 +5,9 @@ import pytest
 from protocol import keys
 from protocol.codec import encode
 from protocol.errors import ProtocolError
-from protocol.messages import MAX_EVENT_VALUES, Action, Event
-from world.shell.answers import RealTimeAnswers
+from protocol.messages import EVERYONE, MAX_EVENT_VALUES, Action, Event, Send
+from protocol.talk import MAX_SENDS
+from world.shell.answers import MAX_SENT_BYTES, RealTimeAnswers
 
 
 def test_several_actions_of_a_tick_say_no_more_events_than_one_may() -> None:
@@ -19,3 +20,26 @@ def test_several_actions_of_a_tick_say_no_more_events_than_one_may() -> None:
     answers.hear("r1", keys.ACT, said, 3)
     with pytest.raises(ProtocolError, match="10000 values in one tick"):
         answers.hear("r1", keys.ACT, said, 3)
+
+
+@pytest.mark.parametrize("size", [1, MAX_SENT_BYTES // MAX_SENDS])
+def test_of_two_ticks_messages_that_come_in_one_the_newest_are_taken(size: int) -> None:
+    """A robot that was late by a tick was given up for more messages than it may send in one."""
+    answers = RealTimeAnswers(["r1"], {})
+    said = [bytes([number]) * size for number in range(200)]
+    for tick in (4, 5):
+        for payload in said:
+            answers.hear("r1", keys.RADIO, encode(Send(tick=tick, to=EVERYONE, kind="ack", payload=payload)), 5)
+        answers.hear("r1", keys.ACT, encode(Action(tick=tick, speed_mps=0.0, turn_rps=0.0, sent=len(said))), 5)
+    sends, action, _ = answers.take("r1", 5)
+    assert [send.payload for send in sends] == [*said, *said][-MAX_SENDS:] and action.sent == len(sends)
+
+
+def test_a_robot_that_sends_without_end_is_refused_also_after_an_action() -> None:
+    answers = RealTimeAnswers(["r1"], {})
+    answers.hear("r1", keys.ACT, encode(Action(tick=4, speed_mps=0.0, turn_rps=0.0)), 5)
+    said = encode(Send(tick=5, to=EVERYONE, kind="ack", payload=b""))
+    for _ in range(MAX_SENDS):
+        answers.hear("r1", keys.RADIO, said, 5)
+    with pytest.raises(ProtocolError, match="more than 256 messages in one tick"):
+        answers.hear("r1", keys.RADIO, said, 5)
