@@ -403,7 +403,8 @@ class Shell:
             self._say_tick(robot, self.episode.inputs()[robot])
 
     def _say(self, robot: str, channel: str, payload: bytes) -> None:
-        self._wire.told(robot, channel, payload)
+        if self._participants.is_ready(robot):  # else nobody reads it, and Zenoh sends it nowhere
+            self._wire.told(robot, channel, payload)
         self._put[robot, channel].put(payload)
 
     def _ports(self) -> dict[str, int]:
@@ -518,8 +519,8 @@ class Shell:
 
     def _kill(self, robot: str, reason: str) -> None:
         self._away.pop(robot, None)
-        self.episode.kill(robot, reason)
         self._say(robot, keys.END, encode(End(reason=clipped(f"given up by the world: {reason}"))))
+        self.episode.kill(robot, reason)
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
         """Answer a question. One too many gets no answer; who asks it honestly asks again."""
