@@ -210,10 +210,10 @@ class Coverage:
         before = self._merged[robot]
         if merged == before:
             return
-        if any(peer not in merged for peer in before):
-            self._since[robot] = self._hit_since[robot]
         then = np.array([*merged.values()], np.int64)[:, None]
         known = (self._since[[*merged]] <= then).any(0)
+        if any(peer not in merged for peer in before):
+            np.copyto(self._since[robot], self._hit_since[robot], where=~known)
         np.minimum(self._since[robot], tick, out=self._since[robot], where=known)
         self._merged[robot] = dict(merged)
         at_home = self._home_of_piece == self._homes[robot]  # a peer may be in another region

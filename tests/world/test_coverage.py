@@ -105,3 +105,19 @@ def test_a_merged_map_covers_what_its_sender_had_covered_then_and_undoing_takes_
     assert covered_by({1: 10, 2: 11}) > late
     assert covered_by({2: 3}) == pytest.approx(coverage.own[0] + coverage.own[2], abs=0.02)
     assert covered_by({}) == pytest.approx(coverage.own[0])
+
+
+def test_undoing_a_merge_leaves_what_others_told_where_it_was() -> None:
+    """It counted from then on, and a third robot lost what it had merged before."""
+    world = worldfile.load("symmetric")
+    starts = world.starts(4, RADIUS, np.random.default_rng(0))
+    coverage = Coverage(world, starts, RADIUS, REACH)
+    look(world, coverage, starts[:3], np.arange(3), 0.0)
+    coverage.merge(5, 0, {1: 5})
+    coverage.merge(10, 0, {1: 5, 2: 5})
+    coverage.merge(20, 3, {0: 15, 2: 5})  # the first robot's map, with both in it
+    coverage.merge(25, 0, {1: 5})
+    coverage.merge(30, 3, {0: 15})
+    coverage.judge(6.0)
+    assert coverage.covered[0] > coverage.own[0] + 0.05
+    assert coverage.covered[3] == coverage.covered[0]
