@@ -238,6 +238,12 @@ class Coverage:
             self._count(tick, robot[mine], wall[mine], place[mine], lookup)
         self.judge(t)
 
+    @property
+    def overlap(self) -> float:
+        """Share of the same wall as `team` that robots' own beams have hit once more, for each further robot."""
+        again = float(self._length.sum()) - self._team_length
+        return max(again, 0.0) / max(self._team_total, 1e-9)  # less than 0 by rounding only
+
     def judge(self, t: float) -> None:
         """Work out the shares, and which milestones are reached at t, simulated seconds."""
         self.own = self._length / np.maximum(self._total, 1e-9)

@@ -221,11 +221,10 @@ class Ledger:
 
     def team_figures(self) -> dict[str, Any]:
         """The team's fields of summary.json."""
-        team = self.coverage.team
         return {
-            "coverage": round(team, 6),
+            "coverage": round(self.coverage.team, 6),
             **_milestones(self.coverage.team_reached),
-            "overlap": round(max(float(self.coverage.own.sum()) - team, 0.0), 6),  # less than 0 by rounding only
+            "overlap": round(self.coverage.overlap, 6),
         }
 
     def _t(self, tick: int) -> float:

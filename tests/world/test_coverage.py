@@ -79,6 +79,7 @@ def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> No
     coverage.update(0.0, 0, np.arange(2), lidar.rays(world.spawns), *lidar.trace(world.spawns))
     assert coverage.own == pytest.approx([1.0, 1.0])
     assert coverage.team == pytest.approx(1.0)
+    assert coverage.overlap == pytest.approx(0.0)  # it was 1, as of two that saw the same wall
 
 
 def test_a_merged_map_covers_what_its_sender_had_covered_then_and_undoing_takes_it_back() -> None:
