@@ -22,6 +22,7 @@ from world.worldfile import World, load
 SHARED = Path(__file__).parents[4] / "shared" / "worlds"
 SPEC = ideal_lidar()
 BEAM = 2 * math.pi / SPEC.beams
+ROOM = np.array([(-2.0, -2, 2, -2), (2, -2, 2, 2), (2, 2, -2, 2), (-2, 2, -2, -2)])
 
 
 def poses_in(world: World, count: int, seed: int) -> np.ndarray:
@@ -187,11 +188,33 @@ def test_who_is_so_near_that_no_range_is_measured_may_be_touched(away: float, to
 def test_beams_that_drop_out_here_and_there_are_nothing_that_touches(beams: int, lost: float) -> None:
     lidar, rng = ideal_lidar(beams=beams, dropout=lost), np.random.default_rng(0)
     for near in (False, True):
-        ranges = np.full(beams, 2.0)
-        ranges[: beams // 9 if near else 0] = np.nan  # 40 degrees of a teammate's body
+        mate = np.array([(0.205 if near else 2.0, 0.0, 0.105)])
+        ranges = lidar.cleaned(Lidar(ROOM, lidar).cast(np.zeros((1, 3)), mate)[0])
         scans = [np.where(rng.random(beams) < lost, np.nan, ranges) for _ in range(50)]
         touching = [perceive(scan, ideal_spec(lidar=lidar)).touching for scan in scans]
         assert np.mean(touching) == near
+
+
+@pytest.mark.parametrize(("gap", "touching"), [(0.005, True), (1.0, False)])
+def test_open_space_that_is_not_measured_is_nothing_that_touches(gap: float, touching: bool) -> None:
+    """Many drivers say 0 where nothing came back. A robot with one took its wheels to slip in each scan."""
+    spec = RobotSpec()
+    ranges = Lidar(np.array([(-10.0, spec.radius_m + gap, 10.0, spec.radius_m + gap)]), spec.lidar).cast(
+        np.zeros((1, 3))
+    )
+    seen = spec.lidar.cleaned(np.where(np.isinf(ranges[0]), 0.0, ranges[0]))
+    assert perceive(seen, spec).touching is touching
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("mount_x_m", [-0.032, 0.02])
+def test_what_touches_the_body_is_near_it_wherever_the_lidar_is(mount_x_m: float, side: int) -> None:
+    """With the lidar 32 mm back, no wall ahead touched."""
+    spec = RobotSpec(lidar=LidarSpec(mount_x_m=mount_x_m))
+    for gap, touching in ((0.0, True), (0.06, False)):
+        x = side * (spec.radius_m + gap)
+        ranges = Lidar(np.array([(x, -10.0, x, 10.0)]), spec.lidar).cast(np.zeros((1, 3)))[0]
+        assert perceive(spec.lidar.cleaned(ranges), spec).touching is touching
 
 
 def test_a_post_half_as_wide_as_a_teammate_is_no_disc() -> None:
