@@ -100,7 +100,7 @@ class Perception:
             self._map, self._walls = known, walls[lengths(walls) >= WALL_M]
         x, y, theta = way[-1].tolist()
         predicted = compose(start, (x, y, theta))
-        unrolled = way if observation.tick == self._tick + 1 else _of_revolution(way)
+        unrolled = _of_revolution(way, observation.tick - self._tick)
         self._tick = observation.tick
         if heard:
             self._posts.hear(observation.tick, predicted, stranger=strangers)
@@ -138,13 +138,16 @@ class Perception:
         self._posts.forget()
 
 
-def _of_revolution(way: Floats) -> Floats | None:
-    """The way of the last revolution, of a way (k + 1, 3) that began earlier, as scans were missed.
+def _of_revolution(way: Floats, ticks: int) -> Floats:
+    """The way of the last revolution, of a way (k + 1, 3) since the last scan, so many ticks ago.
 
-    Odometry does not tell where it began: its first step is taken to be like the second. None where there is no second.
+    Where scans were missed, odometry does not tell where it began: its first step is taken to be like the second, and
+    where it tells one step a scan, that to be as long in each tick.
     """
+    if ticks == 1:
+        return way
     if len(way) < 3:
-        return None
+        return np.vstack(((1.0 - 1.0 / max(ticks, 1)) * way[1], way[1:]))
     first, second = pose_of(way[1]), pose_of(way[2])
     return np.vstack((compose(first, relative(second, first)), way[1:]))
 
