@@ -65,7 +65,9 @@ class Robot:
         self.robot, self.spec, self.config = robot, spec, config
         self.perception = Perception(config.perception, spec)
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
-        self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view()) if spec.odometry.noisy else None
+        self.loops: LoopClosing | None = None  # without correction odometry has the pose, and no loop could move it
+        if spec.odometry.noisy and config.filter.correct_pose:
+            self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view())
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         wants_maps = config.cooperation.sharing
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes, wants_maps)

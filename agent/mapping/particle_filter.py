@@ -214,7 +214,7 @@ class WireframeFilter:
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
-        if scan.median_of and self._noisy:
+        if scan.median_of:
             self._begin_anew()
         grown = self.move(odometry, slips=scan.touching)
         self._still += 1
@@ -233,7 +233,7 @@ class WireframeFilter:
         )
         glimpses = best["tip"][_scans_of_tentative(best) > hit_before].mean(1)
         self._weigh(scores)
-        if scan.median_of and self._noisy:
+        if scan.median_of:
             self.edges["seen"], self.edges["due"] = scan.median_of, scan.median_of  # each of them has shown these walls
             gates = Gates(self._noise, OFFSET_GATE_M)
             hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.median_of)
@@ -245,7 +245,8 @@ class WireframeFilter:
     def _begin_anew(self) -> None:
         """Forget all scans: the next one shows all that they did, and better."""
         self.counts[:], self.poses[:], self._axes[:], self.joint[:] = 0, 0.0, 0.0, 0.0
-        self.joint[:, :6, :6] = self.wheels.first
+        if self._noisy:
+            self.joint[:, :6, :6] = self.wheels.first
 
     def move(self, odometry: Floats | Pose, *, slips: bool = False) -> Floats:
         """Move every particle by odometry alone, as in `update`.

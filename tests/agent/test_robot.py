@@ -234,6 +234,13 @@ def test_a_robot_that_is_restored_looks_round_at_its_start_and_trusts_no_half_ch
     assert elsewhere.loops is None  # its submaps would know nothing of the walls from before
 
 
+def test_who_takes_odometry_as_it_is_closes_no_loops() -> None:
+    config = AgentConfig()
+    as_it_is = config.model_copy(update={"filter": config.filter.model_copy(update={"correct_pose": False})})
+    loops = [Robot("r1", RobotSpec(), one, seed=3).loops for one in (config, as_it_is)]
+    assert loops[0] is not None and loops[1] is None
+
+
 @pytest.mark.parametrize(("rate_hz", "ticks"), [(5, 50), (10, 64), (20, 64)])
 def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, ticks: int) -> None:
     spec = RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))

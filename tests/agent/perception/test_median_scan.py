@@ -31,10 +31,11 @@ def ranges_of(seed: int, scans: int) -> np.ndarray:
     return np.asarray(lidar.measured(ranges, [rng] * scans), np.float64)
 
 
-def looked(seed: int, together: bool) -> WireframeFilter:
+def looked(seed: int, together: bool, correct_pose: bool = True) -> WireframeFilter:
     """The map of a robot that looks for 10 s and moves off, by scans as perception gives them or one by one."""
     perception = Perception(PerceptionConfig(), SPEC, alone=True)
-    mapping = WireframeFilter(FilterConfig(), SPEC, np.random.SeedSequence(seed))
+    config = FilterConfig(correct_pose=correct_pose)
+    mapping = WireframeFilter(config, SPEC, np.random.SeedSequence(seed))
     for tick, ranges in enumerate(ranges_of(seed, 50)):
         seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=HERE)
         scan = perception.see(seen, np.zeros((2, 3)), HERE, Wireframe()) if together else perceive(ranges, SPEC)
@@ -62,6 +63,12 @@ def test_both_faces_of_a_far_column_are_straight_walls(seed: int) -> None:
 def test_of_scans_one_by_one_no_smear_over_two_faces_is_kept(seed: int) -> None:
     """Noise hides in each scan that the hits bend back, and fifty scans together show it."""
     assert worst_turn_deg(looked(seed, together=False)) < 15.0
+
+
+def test_each_scan_of_the_first_look_counts_once_where_the_pose_is_not_corrected_either() -> None:
+    """Medians of 1, 2, 3 and more scans counted one after the other: 31 times the hits."""
+    hits = [looked(0, together=True, correct_pose=corrects).edges[0]["hits"].sum() for corrects in (True, False)]
+    assert hits[0] == hits[1] > 0
 
 
 def test_a_beam_is_what_most_scans_had() -> None:
