@@ -56,6 +56,7 @@ class LoopClosing:
         """
         if not self._frames:
             self._begin(tick, pose, covariance)
+            return False  # what was driven before led to where the first submap begins
         self._by = compose(self._by, by)
         if travelled(self._by) < MERGE_AFTER_M:
             return False

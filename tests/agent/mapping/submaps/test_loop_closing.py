@@ -103,6 +103,15 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     assert length_of(wireframe) > 20.0
 
 
+def test_a_mind_that_begins_under_way_counts_the_way_there_once() -> None:
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    before: Pose = (0.0, 0.0, 0.0)
+    for seen in observations(WALLS, laps(SIDE, WIDTH, 0.25, step=0.2), SPEC.lidar, EXACT, 1)[10:]:
+        by, before = relative(before, seen.odometry), seen.odometry
+        loops.take(seen.tick, perceive(seen.scan(), SPEC, alone=True), by, 1.0, seen.odometry, np.zeros((3, 3)))
+    assert math.dist(loops.settled().pose[:2], before[:2]) < 0.3
+
+
 @pytest.mark.parametrize(
     ("pair", "second", "torn"),
     [
