@@ -194,6 +194,7 @@ class Robot:
             self.filter.replace(records_of(settled.walls), settled.pose)
             self.explorer.mend(settled)
             self.team.mend(settled)
+            self._laying = Laying(self.spec.lidar.rate_hz)  # what was laid lies on the torn map: it is laid at once
             self.perception.forget_posts()
             self.exchange.tell_frames_anew()
         self.perception.remember(tick, self.filter.pose)

@@ -8,6 +8,8 @@ import pytest
 
 from agent import warmup
 from agent.config import AgentConfig
+from agent.mapping.submaps.segments import SEGMENT
+from agent.mapping.submaps.settled import Settled
 from agent.robot import Robot
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
@@ -88,6 +90,18 @@ def test_an_own_wall_that_is_new_just_after_a_laying_is_laid_once_that_is_due(mo
         monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
         mind._draw_map(tick, own_changed=tick in (5, 6))
     assert laid == [5, 8]
+
+
+def test_merged_maps_are_laid_at_once_over_a_map_that_was_torn(monkeypatch: pytest.MonkeyPatch) -> None:
+    mind, laid = Robot("r1", RobotSpec(), AgentConfig(), seed=3), []
+    mind.team.peers["r2"] = merged("r2", [1.0], [])
+    settled = Settled(np.zeros(0, SEGMENT), (0.0, 0.0, 0.0), np.zeros(1, np.int64), np.zeros((1, 3)))
+    monkeypatch.setattr(mind.loops, "take", lambda tick, *_: tick == 3)
+    monkeypatch.setattr(mind.loops, "settled", lambda: settled)
+    for tick in range(6):
+        monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
+        mind.step(observation(tick), [])
+    assert laid == [1, 3]  # else 0.6 s after the first
 
 
 def test_viewpoints_wait_for_the_laying_of_what_was_seen_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
