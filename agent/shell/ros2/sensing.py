@@ -21,13 +21,16 @@ WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes e
 KEPT_S = 10.0  # of odometry, at least
 MOST_KEPT = 10_000  # messages of odometry that are kept: 1 kHz in these seconds
 KNOTS = 5  # poses of odometry for each scan: every 40 ms of a revolution of 0.2 s
-BACK_AGAIN = 10
-"""Messages in a row, older than one before, after which the clock counts as set back, and its new time holds."""
+SET_ANEW = 10
+"""Messages in a row, of times that cannot follow, after which the clock counts as set anew, and its new time holds."""
 JUMP_M, JUMP_RAD = 0.3, 0.5
 """Odometry that moves by more than twice what the robot can do, and so much, began anew: its base was started again."""
 SLIP_TICKS = 2  # ticks counted by scans are fewer than so many off those of the clock, as no lidar is exactly on time
 EPOCH_S = 1_767_225_600.0
 """Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
+SPAN_S = 1e7
+"""Where neither those since then nor those since 1970 can be counted, ticks count from the last multiple of these four
+months, so that they are alike on such clocks, too."""
 
 
 class SensedScan(NamedTuple):
@@ -75,9 +78,9 @@ class Wheelpath:
         pose = (float(place.x), float(place.y), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         if stamp_s <= self.until_s:
             self._back += 1
-            if self._back < BACK_AGAIN:
+            if self._back < SET_ANEW:
                 return self._skip("odometry whose time jumps back")
-            self._skip("times at which the clock of the odometry was set back")
+            self._skip("times at which the clock of the odometry was set anew")
             self._rows = [(stamp_s, *self._rows[-1][1:])]
         self._back = 0
         self._add(stamp_s, pose)
@@ -134,7 +137,7 @@ class Sensing:
         self._end_s = -math.inf
         self._tick = -1
         self._zero_s = 0.0
-        self._back = 0
+        self._odd = 0
         self._senders: dict[str, tuple[str, float]] = {}
 
     @property
@@ -167,14 +170,14 @@ class Sensing:
             return None
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
-        if scan.end_s <= self._end_s:
-            self._back += 1
-            if self._back < BACK_AGAIN:
-                return self.skip("scans whose time jumps back")
-            self.skip("times at which the clock of the scans was set back")
-            before_s = scan.end_s - 1 / self.spec.lidar.rate_hz
-            self._zero_s, self._end_s = self._zero_s + before_s - self._end_s, before_s
-        self._back = 0
+        jumps_back = scan.end_s <= self._end_s
+        if jumps_back or not self._counts(scan.end_s, self._zero_s):
+            self._odd += 1
+            if self._odd < SET_ANEW:
+                return self.skip("scans whose time jumps back" if jumps_back else "scans of a time that cannot be")
+            self.skip("times at which the clock of the scans was set anew")
+            self._set_clock(scan.end_s)
+        self._odd = 0
         if self._pending is not None:
             self.skip("scans that came too fast to be used")
         self._pending = scan, self._clock()
@@ -193,8 +196,23 @@ class Sensing:
             return False
         self.spec = self.spec.model_copy(update={"lidar": lidar})
         self._bearings, self._lidar_frame = scan.bearings, told.header.frame_id
-        self._zero_s = EPOCH_S if scan.begin_s >= EPOCH_S else 0.0
+        self._zero_s = self._zero_of(scan.begin_s)
         return True
+
+    def _counts(self, time_s: float, zero_s: float) -> bool:
+        """Whether a time has a tick, where ticks count from zero_s."""
+        return 0 <= (time_s - zero_s) * self.spec.lidar.rate_hz <= MAX_TICK
+
+    def _zero_of(self, time_s: float) -> float:
+        """From when ticks count by a clock that shows a time."""
+        return next((zero_s for zero_s in (EPOCH_S, 0.0) if self._counts(time_s, zero_s)), time_s - time_s % SPAN_S)
+
+    def _set_clock(self, end_s: float) -> None:
+        """Believe that it is end_s after all. Ticks become those of other robots if they rise so, else go on."""
+        before_s = end_s - 1 / self.spec.lidar.rate_hz
+        zero_s = min(self._zero_of(before_s), before_s - (self._end_s - self._zero_s))
+        self._end_s += zero_s - self._zero_s
+        self._zero_s = zero_s
 
     def due(self) -> SensedScan | None:
         """The next observation, where the odometry of a scan is there or does not come."""
@@ -240,7 +258,7 @@ class Sensing:
             self.skip("scans of a lidar that is faster than it says")
             self._end_s = end_s
             return None
-        if not 0 <= tick <= MAX_TICK:
+        if tick > MAX_TICK:
             self.skip("scans of a time that cannot be")
             return None
         self._end_s, self._tick = end_s, tick

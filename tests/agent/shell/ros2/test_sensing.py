@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.shell.ros2.sensing import EPOCH_S, SensedScan, Sensing
+from agent.shell.ros2.sensing import EPOCH_S, SET_ANEW, SensedScan, Sensing
 from protocol.geometry import Pose
 from protocol.messages import MAX_TICK, LidarSpec, RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, LIDAR, odometry, scan, tilted
@@ -147,9 +147,40 @@ def test_a_time_that_jumps_back_is_skipped_and_a_clock_set_back_is_followed() ->
     assert seen is not None and k < 12 and seen.observation.tick == last.tick + 1
     moved = np.hypot(*(np.array(seen.observation.odometry[:2]) - last.odometry[:2]))
     assert moved < 0.5  # m: what it drove until the clock was believed is not known
-    assert sensing.skipped["times at which the clock of the scans was set back"] == 1
-    assert sensing.skipped["times at which the clock of the odometry was set back"] == 1
+    assert sensing.skipped["times at which the clock of the scans was set anew"] == 1
+    assert sensing.skipped["times at which the clock of the odometry was set anew"] == 1
     assert len(sensing.news) == len(set(sensing.news)) == 4
+
+
+def seen_at(sensing: Sensing, times: Any) -> list[SensedScan]:
+    """Scans of these times by the robot's clock, each with its odometry."""
+    found = []
+    for t in times:
+        sensing.wheels.take(odometry(t - 0.02))
+        sensing.wheels.take(odometry(t + 0.01))
+        sensing.take_scan(scan(t))
+        if (seen := sensing.due()) is not None:
+            found.append(seen)
+    return found
+
+
+@pytest.mark.parametrize("year", [1965, 1970, 1999, 2025])
+def test_a_clock_of_long_ago_serves_and_ntp_sets_it_right(year: int) -> None:
+    """That of a board without one begins in 1970 or with its system's build: each scan was of an impossible time."""
+    sensing, _ = begun()
+    times = TURN_S * np.arange(1, 21)
+    before = seen_at(sensing, (year - 1970) * 365.25 * 86400 + times)
+    assert len(before) == 20
+    after = seen_at(sensing, BEGIN_S + times)
+    assert len(after) >= 20 - SET_ANEW and after[0].observation.tick > before[-1].observation.tick
+    if year == 1970:  # ticks are those of the other robots from here on
+        assert after[-1].observation.tick == round((after[-1].stamp_s - EPOCH_S) / TURN_S)
+
+
+def test_robots_whose_clocks_agree_on_a_wrong_year_agree_on_ticks() -> None:
+    first, later = (begun()[0] for _ in range(2))
+    (one,), (other,) = seen_at(first, [1.705e9]), seen_at(later, [1.705e9 + 3600])
+    assert other.observation.tick - one.observation.tick == round(3600 / TURN_S)
 
 
 def test_odometry_that_begins_anew_leaves_no_jump() -> None:
