@@ -68,14 +68,15 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
-        self._left = same_ends(self.ends.points, self.ends.along, scene.left_ends) >= 0
+        # what two robots looked at in vain is both's business: each left it to the other for good
+        self._left = (same_ends(self.ends.points, self.ends.along, scene.left_ends) >= 0) & ~self._given_up()
         if len(self._tried) > MOST_HEARD_ENDS:
             self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
 
     def _keep_nearest(self, here: Floats) -> None:
-        """Forget open ends that are too many, those far from here (2,) and those that were given up first."""
-        order = np.lexsort((np.hypot(*(self.ends.points - here).T), self._given_up()))
+        """Forget open ends that are too many, those far from here (2,) and those that are not fresh first."""
+        order = np.lexsort((np.hypot(*(self.ends.points - here).T), ~self._fresh()))
         heard = self.ends.heard[order]
         kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD_ENDS)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
@@ -88,7 +89,11 @@ class Goals:
 
     def fresh(self) -> Ints:
         """Rows (k,) of the open ends that were never given up, nor looked at by a teammate in vain."""
-        return np.flatnonzero(~self._given_up() & ~self._left)
+        return np.flatnonzero(self._fresh())
+
+    def _fresh(self) -> Bools:
+        """(g,) which open ends are so."""
+        return ~self._given_up() & ~self._left
 
     def again(self) -> Ints:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""

@@ -33,9 +33,13 @@ def strewn(own: int, heard: int) -> Wireframe:
 
 def goals_of(wireframe: Wireframe, left_ends: Floats = NONE, spec: RobotSpec = SPEC) -> Goals:
     goals = Goals(2, spec)
-    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), left_ends=left_ends)
-    goals.read(Surroundings(DrivingConfig(), spec).look(situation))
+    read(goals, wireframe, left_ends)
     return goals
+
+
+def read(goals: Goals, wireframe: Wireframe, left_ends: Floats = NONE, version: int = 1) -> None:
+    situation = Situation(1, wireframe, version, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), left_ends=left_ends)
+    goals.read(Surroundings(DrivingConfig(), goals.spec).look(situation))
 
 
 def test_many_near_ends_that_others_tell_of_do_not_crowd_out_far_own_ones() -> None:
@@ -57,6 +61,27 @@ def test_an_end_that_a_teammate_looked_at_in_vain_is_left_to_it() -> None:
     left = {tuple(point) for point in goals.ends.points[goals.fresh()].round(1).tolist()}
     assert left == {(1.0, 0.5), (1.0, 1.0), (1.3, 1.0)}
     assert sum(map(bool, goals.reasons)) == 1 and not len(goals.again())
+
+
+def test_an_end_that_two_robots_looked_at_in_vain_is_tried_again_by_both() -> None:
+    """Each left it to the other, whatever changed in the map."""
+    wall, goals = strewn(own=2, heard=0), goals_of(strewn(own=2, heard=0))
+    here, along = goals.ends.points[0], goals.ends.along[0]
+    goals.looked(Task("frontier", here, here + 0.5, along))
+    goals.abandon(here, along, "still open seen from 1 standing points")
+    read(goals, wall, np.array([(*here, *along)]), version=2)
+    assert goals.again().tolist() == [0]
+    assert goals.moved(Task("frontier", here, here + 0.5, along)) is not None
+
+
+@pytest.mark.parametrize(("own", "heard"), [(1 + MOST_ENDS // 2, 0), (0, 1 + MOST_HEARD_ENDS // 2)])
+def test_ends_that_are_left_to_a_teammate_do_not_crowd_out_those_that_are_not(own: int, heard: int) -> None:
+    """A robot was complete with open ends that nobody had looked at."""
+    wall = strewn(own, heard)
+    far = wall.points[:, 1].max()
+    left = np.hstack((wall.points, np.tile(((-1.0, 0.0), (1.0, 0.0)), (own + heard, 1))))[wall.points[:, 1] < far]
+    goals = goals_of(wall, left)
+    assert sorted(goals.ends.points[goals.fresh()].tolist()) == [[1.0, far], [1.3, far]]
 
 
 @pytest.mark.parametrize(("spec", "least_m", "most_m"), [(SPEC, 1.4, 2.0), (ideal_spec(), 0.2, 0.7)])
