@@ -58,11 +58,12 @@ def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
 
 
 class GoalMemory:
-    """What became of goals; the oldest are forgotten when there are too many."""
+    """What became of goals; when there are too many, the oldest that is no longer one is forgotten, else the oldest."""
 
     def __init__(self) -> None:
         self.tried: list[Tried] = []
         self._table = np.zeros((0, 4))
+        self._open = np.zeros(0, np.bool_)  # (n,) whether each is still a goal, as far as is known
 
     @property
     def nbytes(self) -> int:
@@ -73,10 +74,19 @@ class GoalMemory:
         """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
         return same_ends(points, along, self._table)
 
+    @property
+    def is_full(self) -> bool:
+        """Whether another goal would push out one that is still there, which would be tried anew, and so for ever."""
+        return len(self.tried) >= REMEMBERED and bool(self._open.all())
+
+    def still_open(self, found: Ints) -> None:
+        """Take of all goals that are there what `find` found of them."""
+        self._open = np.isin(np.arange(len(self.tried)), found)
+
     def has_room(self, point: Floats, along: Floats, attempts: int) -> bool:
         """Whether a further attempt at a goal, of so many, would be remembered without forgetting another goal."""
         k = int(self.find(point[None], along[None])[0])
-        return self.tried[k].attempts < attempts if k >= 0 else len(self.tried) < REMEMBERED
+        return self.tried[k].attempts < attempts if k >= 0 else not self.is_full
 
     def note(self, point: Floats, along: Floats) -> Tried:
         """The record of a goal, a new one if there is none. point: (2,) metres; along: (2,) unit; frame of the map."""
@@ -84,8 +94,9 @@ class GoalMemory:
         if k >= 0:
             return self.tried[k]
         if len(self.tried) >= REMEMBERED:
-            del self.tried[0]
-            self._table = self._table[1:]
+            oldest = int(self._open.argmin())  # 0 where all are open
+            del self.tried[oldest]
+            self._table, self._open = np.delete(self._table, oldest, 0), np.delete(self._open, oldest)
         self.tried.append(Tried())
-        self._table = np.vstack((self._table, (*point, *along)))
+        self._table, self._open = np.vstack((self._table, (*point, *along))), np.append(self._open, True)
         return self.tried[-1]

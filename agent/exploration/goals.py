@@ -68,6 +68,7 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
+        self.memory.still_open(self._tried)
         # what two robots looked at in vain is both's business: each left it to the other for good
         self._left = (same_ends(self.ends.points, self.ends.along, scene.left_ends) >= 0) & ~self._given_up()
         if len(self._tried) > MOST_HEARD_ENDS:
@@ -92,8 +93,9 @@ class Goals:
         return np.flatnonzero(self._fresh())
 
     def _fresh(self) -> Bools:
-        """(g,) which open ends are so."""
-        return ~self._given_up() & ~self._left
+        """(g,) which open ends are so, where the memory is full but for those that it would have to make room for."""
+        fresh = ~self._given_up() & ~self._left
+        return fresh & (self._tried >= 0) if self.memory.is_full else fresh
 
     def again(self) -> Ints:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""

@@ -5,6 +5,7 @@ import pytest
 
 from agent.exploration.agenda import Task
 from agent.exploration.config import DrivingConfig
+from agent.exploration.goal_memory import REMEMBERED
 from agent.exploration.goals import MOST_ENDS, MOST_HEARD_ENDS, Goals
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation, Surroundings
@@ -72,6 +73,22 @@ def test_an_end_that_two_robots_looked_at_in_vain_is_tried_again_by_both() -> No
     read(goals, wall, np.array([(*here, *along)]), version=2)
     assert goals.again().tolist() == [0]
     assert goals.moved(Task("frontier", here, here + 0.5, along)) is not None
+
+
+def test_no_more_open_ends_are_tried_than_are_remembered() -> None:
+    """Each pushed out another one that was still open, which was tried anew: exploration never ended."""
+    wall = strewn(own=REMEMBERED // 2 + 5, heard=0)
+    goals, version = goals_of(wall), 1
+    while len(rows := goals.fresh()) and version < REMEMBERED / MOST_ENDS + 5:
+        for row in rows:
+            goals.abandon(goals.ends.points[row], goals.ends.along[row], "no way to a standing point")
+        version += 1
+        read(goals, wall, version=version)
+    assert not len(rows) and len(goals.memory.tried) == REMEMBERED
+    closed = strewn(own=REMEMBERED // 2 + 4, heard=0)
+    closed.points[:] += 0.0, 0.5  # the nearest one is there no more, so what was tried there makes room
+    read(goals, closed, version=version + 1)
+    assert len(goals.fresh())
 
 
 @pytest.mark.parametrize(("own", "heard"), [(1 + MOST_ENDS // 2, 0), (0, 1 + MOST_HEARD_ENDS // 2)])
