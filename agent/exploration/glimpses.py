@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from agent.exploration.agenda import Task
+from agent.exploration.goal_memory import REMEMBERED
 from agent.exploration.planning import Roads, circle
 from agent.geometry.clearance import distances_to_walls
 from agent.period import in_ticks
@@ -37,7 +38,9 @@ shows in one or two."""
 BREAK_S = 5.0
 """Longest break between two of them. Of a post that is passed every second scan or so shows something. People who walk
 by at different times are not one thing."""
-MOST = 50  # places that are kept: a building of 600 m2 brings about 20
+MOST = 50
+"""Places that are kept until the robot has looked there: a building of 600 m2 brings about 20. Where it has looked is kept,
+and no place beyond as many as of goals: else it would look at what stays unexplained for ever."""
 
 SeesPast = Callable[[Floats, float], Bools]
 """Which (n,) of places (n, 2) a scan sees past, and so many metres to either side of them."""
@@ -80,7 +83,7 @@ class Glimpses:
                 k = int(away.argmin())
                 self._scans[k] += tick > self._last[k]
                 self._last[k] = tick
-            elif len(self._places) < MOST:
+            elif np.count_nonzero(~self._done) < MOST and len(self._places) < REMEMBERED:
                 self._places, self._done = np.vstack((self._places, place)), np.append(self._done, False)
                 self._scans, self._last = np.append(self._scans, 1), np.append(self._last, tick)
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from agent.exploration.agenda import Task
 from agent.exploration.glimpses import BREAK_S, LEAST_SCANS, MOST, Glimpses
+from agent.exploration.goal_memory import REMEMBERED
 from agent.exploration.planning import Roads
 from agent.mapping.views import MARGIN_M, sees_places, view_of
 from protocol.messages import LidarSpec
@@ -87,6 +89,19 @@ def test_what_was_looked_at_is_looked_at_once():
         for tick in range(first + 2 * LEAST_SCANS, first + 4 * LEAST_SCANS):
             glimpses.keep(tick, np.zeros((0, 2)), sees_past)
         assert not found(glimpses)
+
+
+def test_what_was_looked_at_takes_no_room_until_there_is_too_much_of_it():
+    """After 50 places a robot looked at no post any more."""
+    glimpses, shown = Glimpses(LidarSpec()), {}
+    for thing in range(REMEMBERED + 1):
+        place = np.array((float(thing), 1.0))
+        for scan in range(LEAST_SCANS):
+            glimpses.keep(thing * LEAST_SCANS + scan, place[None].copy())
+        if thing in (MOST, REMEMBERED - 1, REMEMBERED):
+            shown[thing] = len(found(glimpses))
+        glimpses.done(Task("glimpse", place, place))
+    assert shown == {MOST: 1, REMEMBERED - 1: 1, REMEMBERED: 0}
 
 
 def test_the_places_are_bounded_and_room_comes_back():
