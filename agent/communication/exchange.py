@@ -58,7 +58,7 @@ class News(NamedTuple):
     """Tick at which the contact with it began."""
     beacon: Beacon | None = None
     map: ReceivedMap | None = None
-    """A newer map; at the beginning of a contact also the map that is known from an earlier one."""
+    """A newer map."""
     views: PeerViews | None = None
     """All its viewpoints, where new ones came."""
     frame: Pose | None = None
@@ -126,7 +126,6 @@ class Exchange:
             if peer not in self.contacts:
                 self.contacts[peer] = Contact(tick, tick)
                 events.append(Event(event="contact", data={"peer": peer}))
-                news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
                 told.tell_frames_anew()

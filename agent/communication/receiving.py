@@ -91,10 +91,6 @@ class Known:
         """Whether neither a map of it is there nor a part of one."""
         return not self.maps and self.arriving is None
 
-    def map(self) -> ReceivedMap | None:
-        """The newest map; None before the first."""
-        return ReceivedMap(self.maps[self.newest].wireframe(), self.map_tick) if self.maps else None
-
     def take_part(
         self, tick: int, part: Part, patience_ticks: int, period_ticks: int
     ) -> tuple[Ack | None, ReceivedMap | None]:
@@ -135,7 +131,7 @@ class Known:
         kept = {version: old for version, old in self.maps.items() if version >= part.base} | {part.version: whole}
         self.maps = {version: kept[version] for version in sorted(kept)[-KEPT_MAPS:]}
         self.map_tick = min(part.version, tick)
-        return Ack(part.version), self.map()
+        return Ack(part.version), ReceivedMap(whole.wireframe(), self.map_tick)
 
     def take_views(self, views: Views) -> PeerViews | None:
         """Add viewpoints; all of them, or None where the message came twice or late."""

@@ -240,6 +240,18 @@ def test_an_unchanged_map_is_not_told_again_after_an_absence() -> None:
     assert set(pair.kinds("a", before)) == {"beacon"}
 
 
+def test_a_map_that_is_known_is_no_news_when_its_peer_comes_back() -> None:
+    """Five newer maps in a row that contradict the own one undo a merge: the same one counted in each contact."""
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    assert pair.maps
+    pair.run(100, cut=True)
+    pair.maps.clear()
+    pair.run(40)
+    assert "a" in pair.robots["b"].contacts and not pair.maps
+
+
 def test_a_peer_that_begins_anew_gets_all_again() -> None:
     pair = Pair()
     pair.show(comb(20))
