@@ -55,6 +55,8 @@ class PeerLog:
     """Whether it is too large to be taken, and that was said."""
     map_is_news: bool = False
     """Whether this map was neither aligned nor merged yet."""
+    map_is_old: bool = False
+    """Whether the peer was started anew since it told this map: its places in this contact are in another frame."""
     views: PeerViews = field(default_factory=PeerViews)
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be."""
@@ -152,13 +154,14 @@ class PeerLog:
 
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
-        if since != self.met:
-            self.met, self.encounters = since, []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
-            self.knows_me, self.claim, self.frames = False, None, {}
+            self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
+            self.encounters, self.aligned_walls, self.growth, self.map_is_old = [], (0, 0), 0.0, True
+        if since != self.met:
+            self.met, self.encounters, self.map_is_old = since, [], False
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))
@@ -195,7 +198,7 @@ class PeerLog:
         waiting, waited = self.waiting, self.waits
         self.waits = waiting is not None and all(is_too_large(self.waiting_weight, one) for one in known)
         if waiting is not None and not self.waits:
-            self.map, self.map_is_news = waiting, True
+            self.map, self.map_is_news, self.map_is_old = waiting, True, False
             self.weight, self.waiting = self.waiting_weight, None
         return self.waits and not waited
 

@@ -284,7 +284,7 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        if log.first_encounter is None:  # a map that came before the first beacon waits for that
+        if log.first_encounter is None or log.map_is_old:  # maps wait for a place in their frame
             return False
         if isinstance(peer, Unaligned) and self._align_by_word(peer, own):
             return True

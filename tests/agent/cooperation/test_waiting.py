@@ -1,5 +1,7 @@
 """A proposal that only seeing the peer can decide waits for the next contact, and no further drive is made for it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -88,16 +90,17 @@ def test_a_silent_peer_is_driven_to_once_and_not_sought_by_its_walls() -> None:
     assert team.errand is None and team.proposed == [proposed]
 
 
-def heard_by(beacons: dict[int, Pose]) -> list[tuple[int, str]]:
-    """Ticks and reasons of what a team says of a peer whose map, like the own one, is whole when it comes, at tick 1.
+def heard_by(beacons: dict[int, Pose], maps: Sequence[int] = (1,), since: int | None = None) -> list[tuple[int, str]]:
+    """Ticks and reasons of what a team says of a peer whose map, like the own one, is whole when it comes.
 
-    beacons: where the peer says that it is, by tick. Each begins a contact.
+    beacons: where the peer says that it is, by tick. maps: ticks at which its map comes. since: when the contact began;
+    None: each tick begins one.
     """
     team, said = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0)), []
     own = maze(0)
     for tick in range(1, 10):
         beacon = Beacon(tick, beacons[tick]) if tick in beacons else None
-        news = News("r2", tick, beacon=beacon, map=ReceivedMap(own, 1) if tick == 1 else None)
+        news = News("r2", since or tick, beacon=beacon, map=ReceivedMap(own, tick) if tick in maps else None)
         team.hear(tick, [news], (1.5, 3.5, 0.0), SCAN, own)
         team.align_maps(tick, own)
         said += [(tick, str(event.data["reason"])) for event in team.events]
@@ -114,3 +117,10 @@ def test_who_is_off_its_own_map_is_aligned_when_it_is_back_and_that_is_said_once
     off = (50.0, 50.0, 0.0)
     said = heard_by({1: off, 3: off, 6: BESIDE})
     assert said == [(1, "its place is off its own map"), (6, "aligned")]
+
+
+def test_who_is_started_anew_in_a_contact_is_aligned_once_its_map_is_of_the_new_frame() -> None:
+    """Places in both frames put some message out of the radio's range: no transform was possible in that contact."""
+    there = (300.0, 300.0, 0.0)
+    said = heard_by({1: there, 3: BESIDE, 5: BESIDE}, maps=(1, 7), since=1)
+    assert said == [(1, "its place is off its own map"), (7, "aligned")]
