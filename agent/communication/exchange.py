@@ -45,7 +45,7 @@ class Contact:
     """A peer within radio range: known by its messages alone, never by a list from the truth."""
 
     since: int
-    """Tick of the first message after silence."""
+    """Tick of the first message after silence, or of that by which the peer has begun anew."""
     last: int
     """Tick of the newest message."""
 
@@ -131,7 +131,7 @@ class Exchange:
                 told.tell_frames_anew()
                 told.sent, told.tries = LONG_AGO, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
-            one = news.get(peer) or News(peer, self.contacts[peer].since)
+            one = news.get(peer, News(peer, tick))._replace(since=self.contacts[peer].since)
             match said:
                 case Beacon() if one.beacon is None or said.tick >= one.beacon.tick:
                     one = one._replace(beacon=said)
@@ -175,7 +175,8 @@ class Exchange:
                     self._answers.remove(theirs[0])
             return new
         if message.kind == ACK:
-            self._told[peer].take_ack(Ack.decode(message.payload))
+            if self._told[peer].take_ack(Ack.decode(message.payload)):
+                self.contacts.pop(peer, None)  # it knows nothing of the robot any more: it is met anew
             return None
         if message.kind == VIEWS:
             views = decode_views(message.payload)

@@ -74,11 +74,11 @@ class Told:
             self.frames[name] = told, periods
         return due
 
-    def take_ack(self, ack: Ack) -> None:
-        """Note what the peer has, or lacks."""
+    def take_ack(self, ack: Ack) -> bool:
+        """Note what the peer has, or lacks; true where it has nothing more of what it had, as it began anew."""
         has_begun_anew = ack == Ack(0, None) and self.acked > 0 and not self.parts
         if ack.version not in self.maps and not has_begun_anew:
-            return  # an answer to an earlier process of this name, or to a version given up since
+            return False  # an answer to an earlier process of this name, or to a version given up since
         if ack.missing is None:  # the peer has lost its base: the whole map goes again
             self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
         elif ack.missing:
@@ -88,6 +88,7 @@ class Told:
             self.acked, self.current, self.tries = ack.version, max(self.current, ack.version), 0
             self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
             self.parts = [p for p in self.parts if p.version > ack.version]
+        return ack.missing is None
 
 
 def _contradict(one: Pose | None, other: Pose | None) -> bool:

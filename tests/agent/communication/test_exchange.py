@@ -276,6 +276,20 @@ def test_a_peer_that_begins_anew_gets_a_map_that_does_not_change(away: int) -> N
     assert pair.kinds("b", before)["ack"] == 2
 
 
+@pytest.mark.parametrize("rooms", [20, 21])
+def test_a_peer_that_begins_anew_is_met_anew(rooms: int) -> None:
+    """Of two that had merged, one that was started anew within 5 s was told late, or never, of its frame."""
+    pair = Pair(wants_maps=True)
+    pair.show(comb(20))
+    pair.run(30)
+    pair.robots["b"] = pair.new()
+    pair.show(comb(rooms))
+    pair.run(100)
+    began = [tick for tick, name, what in pair.events if (name, what) == ("a", "contact")]
+    assert len(began) == 2 and 30 < began[1] < 80
+    assert pair.robots["a"].contacts["b"].since == began[1]
+
+
 def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:
     for wants_maps in (True, False):
         pair = Pair(wants_maps=wants_maps)  # neither has any wall
