@@ -315,9 +315,9 @@ class Episode:
             commands[self._rows[robot]] = action.speed_mps, action.turn_rps
             self._answered.append((self.tick, robot, outputs[robot], maps[robot]))
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
-        before = self.poses
-        self._people.advance(before[:, :2])
-        self._ledger.drive(before, self._physics.advance(commands))
+        self._people.advance(self.poses[:, :2])
+        self._physics.advance(commands)
+        self._ledger.drive(self._physics.way)
         self.tick, self._inputs = self.tick + 1, None
         self.ended = self.ended or self._end()
         self._record()

@@ -21,6 +21,7 @@ from world.physics import Physics
 from world.radio.gate import Books, Passage
 from world.recorder import TEAM, MetricsRow, Recorder, seconds
 from world.tick import Outputs
+from world.way import interpolated
 from world.worldfile import World
 
 Fields = Mapping[str, Any]
@@ -28,6 +29,9 @@ Fields = Mapping[str, Any]
 
 METRICS_S = 1.0
 """Simulated time between the rows of metrics.csv."""
+LEG_S = 0.2
+"""Time between the places along which paths are measured, or a tick where that is less: between them, a turning robot's
+way is taken for straight."""
 
 
 class Allowance(NamedTuple):
@@ -170,9 +174,11 @@ class Ledger:
             reason = f"more than {at_once} bytes of {what} and {a_second} a second are left out"
             self.happened(tick, robot, "muted", reason)
 
-    def drive(self, before: Floats, after: Floats) -> None:
-        """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""
-        self.path_m += np.hypot(*(after - before)[:, :2].T)
+    def drive(self, way: Floats) -> None:
+        """Account for the way (s, k, 3) that ends a tick. Raises UnwritableError where it cannot be kept."""
+        legs = max(1, round(self._period_s / LEG_S))
+        moves = np.diff(interpolated(way, np.arange(legs + 1) / legs), axis=0)
+        self.path_m += np.hypot(moves[..., 0], moves[..., 1]).sum(0)
         if self._recorder:
             self._recorder.check()
 

@@ -481,6 +481,18 @@ def test_other_robots_and_lidars() -> None:
     assert np.hypot(*(episode.poses - episode.starts)[0, :2]) == pytest.approx(0.2, abs=0.01)
 
 
+def test_a_path_is_as_long_with_a_slow_lidar() -> None:
+    """It was that of straight lines from tick to tick, also where a robot drives a circle in one."""
+    driven = []
+    for rate_hz in (5.0, 1.0, 0.4):
+        spec = {"lidar": {"rate_hz": rate_hz}}
+        episode = Episode(WorldConfig.model_validate({"world": "apartment", "robots": 1, "spec": spec}), None)
+        while episode.t < 5.0:
+            episode.advance({"r1": answer(episode.tick, speed=0.2, turn=2.5)})
+        driven.append(episode.paths["r1"])
+    assert driven == pytest.approx([driven[0]] * 3, abs=0.01) and 0.95 < driven[0] < 1.0
+
+
 def test_the_radio_is_set_in_one_place_only() -> None:
     with pytest.raises(ValueError, match=r"set these"):
         WorldConfig.model_validate({"spec": {"radio_range_m": 2.0}})

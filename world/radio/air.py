@@ -201,10 +201,11 @@ def delays(models: list[Model], seed: int) -> Callable[[Hop], int]:
 
 
 class Budget:
-    """What each robot's radio may still carry in the second up to a tick; a limit of None allows everything."""
+    """What each robot's radio may still carry in the time up to a tick; a limit of None allows everything."""
 
-    def __init__(self, bytes_per_s: float | None, ticks_per_s: int) -> None:
-        self._limit, self._ticks = bytes_per_s, ticks_per_s
+    def __init__(self, most: float | None, ticks: int) -> None:
+        """most: bytes in so many ticks."""
+        self._limit, self._ticks = most, ticks
         self._used: dict[int, dict[int, int]] = {}
 
     def takes(self, robot: int, tick: int, size: int) -> bool:

@@ -139,7 +139,7 @@ class Latency(Config):
 
 
 class Capacity(Config):
-    """A robot's radio carries so much in a second, sent and heard together; more is dropped.
+    """A robot's radio carries so much in a second, or in a longer tick, sent and heard together; more is dropped.
 
     Reasons: `capacity_out` where the sender's capacity is used up, `capacity_in` where the receiver's is.
     """

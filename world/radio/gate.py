@@ -170,7 +170,8 @@ class Radio:
         self._losses = losses(config.models, self._robots, seed, period_s, walls)
         self._delay = delays(config.models, seed)
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
-        self._budget = Budget(min(limits, default=None), max(1, round(1 / period_s)))
+        ticks = max(1, round(1 / period_s))  # about a second
+        self._budget = Budget(min(limits) * (ticks * period_s) if limits else None, ticks)
         self._flying: list[Flying] = []
         self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
         self._table_ticks = max(1, round(TABLE_S / period_s))
