@@ -42,6 +42,10 @@ class Allowance(NamedTuple):
     a_second: int
     """So many more for each simulated second."""
 
+    def until(self, t: float) -> float:
+        """Bytes in the first t simulated seconds."""
+        return self.at_once + self.a_second * t
+
 
 ALLOWED = {"events": Allowance(256 * 1024, 1024), "maps": Allowance(2 << 20, 16 * 1024)}
 """`events`: events.jsonl, of which an honest robot fills 600 bytes in a tick and 40 a second. `maps`: updates.jsonl and
@@ -166,12 +170,12 @@ class Ledger:
 
     def _write(self, what: str, tick: int, robot: str, write: Callable[..., int | None]) -> None:
         """Write what a robot says of itself; what is too much is left out, which is said once."""
-        t, key, (at_once, a_second) = self._t(tick), f"{what} {robot}", ALLOWED[what]
-        size = write(most=at_once + a_second * t - self._filled[key])
+        key, allowed = f"{what} {robot}", ALLOWED[what]
+        size = write(most=allowed.until(self._t(tick)) - self._filled[key])
         self._filled[key] += size or 0
         if size is None and key not in self._muted:
             self._muted.add(key)
-            reason = f"more than {at_once} bytes of {what} and {a_second} a second are left out"
+            reason = f"more than {allowed.at_once} bytes of {what} and {allowed.a_second} a second are left out"
             self.happened(tick, robot, "muted", reason)
 
     def drive(self, way: Floats) -> None:

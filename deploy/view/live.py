@@ -6,6 +6,7 @@ Of what the world itself logs it publishes only who is dead.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -26,11 +27,13 @@ from protocol.messages import Action, LinkReport, LinkTable, MapReport, Progress
 from protocol.session import at_once, open_client
 from protocol.text import all_printable
 from protocol.wireframe import decode_wireframe
+from world.ledger import ALLOWED
 from world.recorder import TEAM
 
 SHOW_S = 0.1  # between two looks at what came: a screen needs no more
 STILL = 5  # looks from one drawing of maps and coverage to the next: browsers without a GPU take few things a second
 REACH_S = 10.0  # to reach the world
+AHEAD_TICKS = 1000  # by which a robot may be ahead of where the world last said it is: seconds of the fastest run
 _SITE, _WHEREABOUTS, _LINKS, _PROGRESS = map(keys.channel_of, (keys.SITE, keys.WHEREABOUTS, keys.LINKS, keys.PROGRESS))
 
 
@@ -65,11 +68,9 @@ def _arrivals(inbox: Inbox) -> Iterator[Arrival]:
 
 
 def _begun(arrivals: Iterable[Arrival], file: Path) -> _Live | None:
-    """The view of a run, once its site has come. Raises ProtocolError for one that cannot be read."""
-    for arrival in arrivals:
-        if arrival.what == _SITE:
-            return _Live(decode(Site, arrival.payload), file)
-    return None
+    """The view of a run, once its site and tick have come. Raises ProtocolError for a site that cannot be read."""
+    came = {arrival.what: arrival.payload for arrival in arrivals}
+    return _Live(decode(Site, came[_SITE]), file) if _SITE in came and _WHEREABOUTS in came else None
 
 
 class _Live:
@@ -78,11 +79,16 @@ class _Live:
     def __init__(self, site: Site, file: Path) -> None:
         self.ended = False
         self._robots, frames = set(site.frames), {robot: np.array(pose) for robot, pose in site.frames.items()}
-        self.recording = ViewRecording(file, list(frames), frames, 1 / site.spec.lidar.rate_hz)
+        self._period_s = 1 / site.spec.lidar.rate_hz
+        self.recording = ViewRecording(file, list(frames), frames, self._period_s)
         self._lidar = site.spec.lidar
         self._maps: dict[str, Map] = {}
         self._links: list[LinkReport] = []
+        self._tick = 0
+        """The newest that the world told."""
         self._dead: set[str] = set()
+        self._told: Counter[str] = Counter()
+        """Bytes of each robot's events."""
         self._answered: dict[str, int] = {}
         """The last tick that each robot has answered: where the world says a tick again, so does a robot its answer."""
         self._newest: dict[tuple[str, str], bytes] = {}
@@ -97,26 +103,42 @@ class _Live:
         self.recording.scene(solid, site.spec.radius_m, followed())
 
     def take(self, arrivals: Iterable[Arrival]) -> None:
-        """Draw what came: of robots' answers all events, of the rest the newest."""
+        """Draw what came: of robots' answers all events that the world writes down, of the rest the newest."""
+        answers = []
         for arrival in arrivals:
             if arrival.what == keys.ACT:
-                with suppress(ProtocolError):  # the world gives such a robot up
-                    self._act(arrival.robot, decode(Action, arrival.payload))
+                answers.append(arrival)
             else:
                 self._newest[arrival.what, arrival.robot] = arrival.payload
+        self._draw_newest(_WHEREABOUTS)
+        for answer in answers:
+            with suppress(ProtocolError):  # the world gives such a robot up
+                self._act(answer.robot, decode(Action, answer.payload))
         self._looks += 1
-        for what, robot in list(self._newest):
-            if what == _WHEREABOUTS or self._looks % STILL == 0:
-                with suppress(ProtocolError):
-                    self._draw(what, robot, self._newest.pop((what, robot)))
+        if self._looks % STILL == 0:
+            self._draw_newest(_LINKS, keys.MAP, _PROGRESS)  # who is dead by the last one may have told a map before
         self.recording.flush()
 
+    def _draw_newest(self, *kinds: str) -> None:
+        for kind in kinds:
+            for what, robot in [one for one in self._newest if one[0] == kind]:
+                with suppress(ProtocolError):
+                    self._draw(what, robot, self._newest.pop((what, robot)))
+
+    def _may_say(self, robot: str, tick: int) -> bool:
+        """Whether a robot may say something of a tick: one that was given up, or knows the future, is not heard."""
+        return robot in self._robots - self._dead and tick <= self._tick + AHEAD_TICKS
+
     def _act(self, robot: str, action: Action) -> None:
-        if action.tick <= self._answered.get(robot, -1):
+        if action.tick <= self._answered.get(robot, -1) or not self._may_say(robot, action.tick):
             return
         self._answered[robot] = action.tick
+        most = ALLOWED["events"].until(action.tick * self._period_s)
         for event in action.events:
-            self._happened(action.tick, robot, event.event, event.data)
+            size = len(event.model_dump_json())
+            if self._told[robot] + size <= most:
+                self._told[robot] += size
+                self._happened(action.tick, robot, event.event, event.data)
 
     def _draw(self, what: str, robot: str, payload: bytes) -> None:
         if what == _WHEREABOUTS:
@@ -125,10 +147,11 @@ class _Live:
             self._links = decode(LinkTable, payload).links
         elif what == _PROGRESS:
             self._progress(decode(Progress, payload))
-        elif what == keys.MAP and robot in self._robots:
+        elif what == keys.MAP:
             self._map(robot, decode(MapReport, payload))
 
     def _see(self, seen: Whereabouts) -> None:
+        self._tick = max(self._tick, seen.tick)
         poses = {robot: pose for robot, pose in seen.poses.items() if robot in self._robots}
         for robot, pose in poses.items():
             self.recording.drive(robot, [seen.tick], np.array([pose]))
@@ -141,6 +164,7 @@ class _Live:
 
     def _progress(self, progress: Progress) -> None:
         clock = progress.clock
+        self._tick = max(self._tick, clock.tick)
         for name, share in (*progress.coverage.items(), (TEAM, progress.team)):
             if name in self._robots or name == TEAM:
                 self.recording.coverage(name, [clock.tick], np.array([share]))
@@ -151,6 +175,8 @@ class _Live:
         self.ended = clock.ended is not None
 
     def _map(self, robot: str, report: MapReport) -> None:
+        if not self._may_say(robot, report.tick):
+            return
         wireframe = decode_wireframe(report.wireframe)
         heard = frozenset(np.flatnonzero(~wireframe.own).tolist())
         drawn = Map(wireframe.points, wireframe.labels, wireframe.edges.astype(np.int64), heard)

@@ -30,14 +30,16 @@ from protocol import keys
 from protocol.codec import encode
 from protocol.errors import InputError, LinkError
 from protocol.inbox import Arrival, Inbox
-from protocol.messages import Action, Clock, Event, Progress, RobotSpec, Site
+from protocol.messages import MAX_TICK, Action, Clock, Event, MapReport, Progress, RobotSpec, Site
 from protocol.secrets import Secrets
 from protocol.session import open_router, wait_for_matching
 from protocol.status import Status
+from protocol.wireframe import certain, encode_wireframe
 from tests.deploy.view.read_back import Rows, read_back
 from tests.disturbed import REPO
 from tests.tiny import digests, tiny_config
 from world.checkpoint import Checkpoint
+from world.ledger import ALLOWED
 
 LIMIT_S = 60
 
@@ -101,16 +103,39 @@ def test_a_viewer_sees_maps_coverage_and_all_events(viewed: tuple[Path, Path], f
     assert at_the_end[0] == pytest.approx(told, abs=1e-6)  # of what came before, a quick run shows nothing
 
 
+def view_of(*robots: str, file: Path) -> live._Live:
+    room = shapely.to_wkb(shapely.box(0, 0, 1, 1))
+    return live._Live(Site(world="room", solid=room, spec=RobotSpec(), frames=dict.fromkeys(robots, (0, 0, 0))), file)
+
+
 def test_an_answer_that_is_said_again_tells_nothing_twice(tmp_path: Path) -> None:
     """A robot says its answer again where the world says the tick again, as after a lost link."""
-    room = shapely.to_wkb(shapely.box(0, 0, 1, 1))
-    view = live._Live(Site(world="room", solid=room, spec=RobotSpec(), frames={"r1": (0, 0, 0)}), tmp_path / "run.rrd")
+    view = view_of("r1", file=tmp_path / "run.rrd")
     for tick in (7, 7, 8):
         action = Action(tick=tick, speed_mps=0, turn_rps=0, events=[Event(event="complete")])
         view.take([Arrival(keys.ACT, "r1", encode(action))])
     view.recording.close()
     told = read_back(tmp_path / "run.rrd")["events"]["TextLog:text"]
     assert told == {tick: [["r1 is complete"]] for tick in (7, 8)}
+
+
+def test_robots_fill_a_view_no_more_than_the_run(tmp_path: Path) -> None:
+    """One that was given up, too, wrote what it liked, at any tick: the time line ended 25 years ahead."""
+    view, file = view_of("r1", "r2", file=tmp_path / "run.rrd"), tmp_path / "run.rrd"
+    said = [Event(event="complete", data={"reason": "y" * 900})] * 1000
+    report = MapReport(tick=MAX_TICK, wireframe=encode_wireframe(certain(np.eye(2), np.array([[0, 1]]))))
+    empty = file.stat().st_size
+    for tick in (7, 8, 9, MAX_TICK):
+        action = Action(tick=tick, speed_mps=0, turn_rps=0, events=said)
+        view.take([Arrival(keys.ACT, "r1", encode(action)), Arrival(keys.MAP, "r1", encode(report))])
+    clock = Clock(tick=9, t=1.8, status={"r2": "dead"})
+    view.take([Arrival(live._PROGRESS, "", encode(Progress(clock=clock, coverage={}, team=0.0)))])
+    view.take([Arrival(keys.ACT, "r2", encode(Action(tick=10, speed_mps=0, turn_rps=0, events=said[:1])))])
+    view.recording.close()
+    assert file.stat().st_size < empty + 2 * ALLOWED["events"].at_once
+    told = read_back(file)
+    assert set(told["events"]["TextLog:text"]) == {7, 9} and told["events"]["TextLog:text"][9] == [["r2 dead"]]
+    assert "world/maps/r1/own" not in told
 
 
 def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
