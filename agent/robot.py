@@ -11,7 +11,7 @@ from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
-from agent.corner_scan import CornerScan
+from agent.corner_scan import CornerScan, range_noise
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.drawing import Drawing
@@ -19,7 +19,7 @@ from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
-from agent.mapping.views import MARGIN_M, sees_places, view_of
+from agent.mapping.views import margin_of, sees_places, view_of
 from agent.perception.median_scan import MOST_SCANS
 from agent.perception.perceive import Perception
 from agent.period import Period, in_ticks
@@ -203,6 +203,7 @@ class Robot:
     def _situation(self, tick: int, scan: CornerScan, seen: Wireframe) -> Situation:
         """What the robot knows before it decides. seen: the scan as a wireframe."""
         partners, silent = self.team.places.partners(tick, self.robot)
+        margin_m = margin_of(range_noise(self.spec.lidar))
         return Situation(
             tick=tick,
             wireframe=self.wireframe,
@@ -218,7 +219,7 @@ class Robot:
             withdrawn=self.team.views.withdrawn,
             left_ends=self.team.views.ends,
             glimpses=self.filter.glimpses,
-            sees_past=lambda places, aside_m: sees_places(places, aside_m, view_of(scan, self.filter.pose, MARGIN_M)),
+            sees_past=lambda places, aside_m: sees_places(places, aside_m, view_of(scan, self.filter.pose, margin_m)),
             is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, at_start, range_noise, to_map_frame
+from agent.corner_scan import CornerScan, Sight, at_start, range_noise, to_map_frame
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
@@ -37,7 +37,7 @@ from agent.mapping.poles import MOST, POLE, draw_poles, see_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.publication import published
 from agent.mapping.scan_merge import merge_scan
-from agent.mapping.views import MARGIN_M, View
+from agent.mapping.views import View, margin_of
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
 from protocol.arrays import Floats, Ints, Records
@@ -109,7 +109,7 @@ def update_particles(
         relate(edges[p], counts[p], joint[p], pose)
         pieces = _placed(raw, predicted, shift, grown[p], noise)
         tilt = abs(shift[2] - shift[BEGIN + 2])
-        view = View(pose, pieces, sight, max(MARGIN_M, NOISE_SIGMAS * noise), noise, tilt)
+        view = View(pose, pieces, sight, margin_of(noise), noise, tilt)
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)

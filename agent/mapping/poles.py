@@ -11,13 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, Sight, to_map_frame
+from agent.corner_scan import OCCLUSION, Sight, to_map_frame
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.lines import Record, above, along
 from agent.geometry.poles import POLE_M, SAME_POLE_M, with_poles
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, WALL, length, remove, tip_at
-from agent.mapping.views import MARGIN_M, THROUGH, View, look_at
+from agent.mapping.views import THROUGH, View, look_at, margin_of
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
@@ -68,7 +68,7 @@ def see_poles(
     pieces (k,), sight: the scan's, robot's frame. noise: m, standard deviation of a range; noise_share: of far ranges.
     Those in use come first.
     """
-    view = View(pose, to_map_frame(pieces, pose), sight, max(MARGIN_M, NOISE_SIGMAS * noise), noise, 0.0)
+    view = View(pose, to_map_frame(pieces, pose), sight, margin_of(noise), noise, 0.0)
     used = 0
     while used < len(poles) and poles[used].score > 0.0:
         used += 1

@@ -43,6 +43,12 @@ class Samples(NamedTuple):
     spacing: float  # m, from each to the next
 
 
+@kernel
+def margin_of(noise: float) -> float:
+    """Metres from a piece within which a place counts as on it, at least; noise: m, of a near range."""
+    return max(MARGIN_M, NOISE_SIGMAS * noise)
+
+
 def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:
     """A scan from a pose, held against walls that are known to this precision in metres."""
     return View(pose, to_map_frame(scan.pieces, pose), scan.sight, margin_m, margin_m / NOISE_SIGMAS, 0.0)

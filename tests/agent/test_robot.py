@@ -255,6 +255,15 @@ def test_who_takes_odometry_as_it_is_closes_no_loops() -> None:
     assert loops[0] is not None and loops[1] is None
 
 
+@pytest.mark.parametrize(("noise_m", "sees"), [(0.01, True), (0.05, False)])
+def test_a_place_before_a_wall_is_seen_past_as_far_as_ranges_err(noise_m: float, sees: bool) -> None:
+    """All lidars were taken to err by 10 mm."""
+    mind, here = Robot("r1", ideal_spec(lidar=ideal_lidar(noise_m=noise_m)), AgentConfig(), seed=3), observation(0)
+    scan, _ = mind._map_scan(here, set())
+    situation = mind._situation(0, scan, scan.wireframe())
+    assert situation.sees_past(np.array([(1.9, 0.0)]), 0.05).tolist() == [sees]
+
+
 @pytest.mark.parametrize(("rate_hz", "ticks"), [(5, 50), (10, 64), (20, 64)])
 def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, ticks: int) -> None:
     spec = RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))
