@@ -51,9 +51,31 @@ class _Usable(NamedTuple):
     """(g, 4) metres and unit, the robot's own frame: open ends that it looked at in vain, and where walls go on."""
 
 
-def _usable_of(peer: Merged, before: _Usable | None) -> _Usable:
-    """Those of a peer; as before where nothing of it is new."""
-    transform, views, tick = peer.transform, peer.log.views, peer.map.tick
+def _own_of_both(old: PeerViews, new: PeerViews) -> tuple[Floats, Floats]:
+    """(k, 2) and (j, 2) a peer's own viewpoints of two lists, both from the first one on that both of them hold."""
+    first = max(old.forgotten[0], new.forgotten[0])
+    one, other = (views.points[~views.heard][first - views.forgotten[0] :] for views in (old, new))
+    return one, other
+
+
+def _agree(old: PeerViews, new: PeerViews) -> bool:
+    """Whether a peer's own viewpoints are the same in two lists, as far as both go."""
+    one, other = _own_of_both(old, new)
+    both = min(len(one), len(other))
+    return np.array_equal(one[:both], other[:both])
+
+
+def _to_use(views: PeerViews, before: _Usable | None) -> PeerViews:
+    """The newest list of a peer; where it tells the same anew, bit by bit, the older one until as much is there."""
+    if before is None or before.views.editions == views.editions or not _agree(before.views, views):
+        return views
+    old, new = _own_of_both(before.views, views)
+    return before.views if len(new) < len(old) else views
+
+
+def _usable_of(peer: Merged, views: PeerViews, before: _Usable | None) -> _Usable:
+    """Those of a peer's viewpoints that are usable; as before where nothing of it is new."""
+    transform, tick = peer.transform, peer.map.tick
     if before is not None and before.transform is transform and before.views is views and before.tick == tick:
         return before
     usable = views.need <= tick
@@ -109,21 +131,22 @@ class TeamViews:
 
     def gather(self, merged: Sequence[Merged]) -> None:
         """Take what these peers told, where the merged maps hold what was seen from there."""
-        held = {peer.log.name: peer for peer in merged}
-        editions = {name: peer.log.views.editions for name, peer in held.items()}
-        anew = [name for name, taken in self._taken.items() if editions.get(name) != taken.editions]
-        self.withdrawn += any(len(self._first_hand[name]) + len(self._taken[name].places) for name in anew)
+        held, before_now = {peer.log.name: peer for peer in merged}, self._usable
+        told = {name: _to_use(peer.log.views, before_now.get(name)) for name, peer in held.items()}
+        anew = [name for name, old in self._taken.items() if name not in told or told[name].editions != old.editions]
+        untrue = {name for name in anew if name not in told or not _agree(before_now[name].views, told[name])}
+        heard_is_lost = any(len(self._taken[name].places) for name in anew)
+        self.withdrawn += heard_is_lost or any(len(self._first_hand[name]) for name in untrue)
         for name in anew:
             del self._taken[name]
-        if not self._passed_on.keys().isdisjoint(anew):
+        if not self._passed_on.keys().isdisjoint(untrue):
             self._begin_anew()
-        before_now = self._usable
-        self._usable = {name: _usable_of(peer, before_now.get(name)) for name, peer in held.items()}
+        self._usable = {name: _usable_of(peer, told[name], before_now.get(name)) for name, peer in held.items()}
         self._first_hand = {name: usable.first_hand for name, usable in self._usable.items()}
         kept = [*self._first_hand.values(), *(taken.places for taken in self._taken.values())]
         known: set[int] | None = None  # cells of these, once a peer tells more from second hand
         for name, peer in held.items():
-            views, before = peer.log.views, self._taken.get(name)
+            views, before = told[name], self._taken.get(name)
             heard = self._usable[name].heard
             _, count, places = before or _Taken(views.editions, 0, np.zeros((0, 2)))
             new, total = _new_of(heard, views.forgotten[1], count)
@@ -157,13 +180,13 @@ class TeamViews:
         """
         if len(own_ticks) < self._own:  # every second one was forgotten
             self._begin_anew()
+        self._waiting.extend((x, y, "", turn) for x, y, turn in ends[self._ends :])
+        self._ends = len(ends)
         first = bisect_right(own_ticks, self._own_tick)
         if first < len(own_ticks):
             self._waiting.extend((x, y, "", -1) for x, y in own_places[first:])
             self._own_tick = own_ticks[-1]
         self._own = len(own_ticks)
-        self._waiting.extend((x, y, "", turn) for x, y, turn in ends[self._ends :])
-        self._ends = len(ends)
         for name, places in self._first_hand.items():
             forgotten = self._usable[name].views.forgotten[0]
             new, total = _new_of(places, forgotten, self._passed_on.get(name, 0))

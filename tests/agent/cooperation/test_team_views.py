@@ -161,3 +161,29 @@ def test_what_is_in_the_map_is_told_bit_by_bit_though_more_waits_for_it() -> Non
     views.looked(100, *OWN, is_laid=True)
     views.gather([merged("b", [0.5 * k for k in range(30)], [])])
     assert [len(views.looked(101 + k, *OWN, is_laid=False).ticks) for k in range(3)] == [20, 22, 22]
+
+
+@pytest.mark.parametrize(("names", "moved"), [("cd", False), ("cd", True), ("cde", False)])
+def test_who_is_told_all_anew_tells_all_anew_only_where_that_has_changed(names: str, moved: bool) -> None:
+    """A robot whose torn map was mended told all anew; then its peers did so, then it did again, and so on for ever."""
+    views, looked = {name: TeamViews() for name in names}, dict.fromkeys(names, Looked.nowhere())
+    known = {(to, of): Known() for to in names for of in names if to != of}
+    for tick in range(1, 100):
+        if tick == 41:
+            views["c"].mend()
+        for name, one in views.items():
+            bent = moved and name == "c" and tick > 40
+            places = [(0.5 * k, 3.0 * names.index(name) + (bent and k > 12)) for k in range(24)]
+            peers = [merged(of, [], []) for of in names if of != name]
+            for peer in peers:
+                peer.log.views = known[name, peer.log.name].views
+            one.gather(peers)
+            looked[name] = one.looked(tick, list(range(24)), places)
+        for (to, of), told_so_far in known.items() if tick % 5 == 0 else ():
+            told_so_far.views_asked = True
+            if (said := looked[of].between(told_so_far.views_until, tick, 64, to)) is not None:
+                told_so_far.take_views(said)
+    assert all(one.views.editions == 1 + (of == "c" or moved) for (_, of), one in known.items())
+    assert views["c"].withdrawn == 0 and views["d"].withdrawn == (moved or len(names) > 2)
+    assert {0.5 * k + 10.0 for k in range(24)} <= set(views["d"].places[:, 0])
+    assert (1.0 in views["d"].places[:, 1]) == moved
