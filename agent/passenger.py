@@ -53,7 +53,7 @@ class Passenger:
     def __init__(self, spec: RobotSpec, config: AgentConfig) -> None:
         """The pose at the first observation is the origin of its frame. config: as by `carried`."""
         self.perception = Perception(config.perception, spec, alone=True, bridge_m=_bridge_m(spec.lidar))
-        self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD, ODOMETRY_BEND_SD)
+        self.submaps = Submaps(config.filter.submaps, spec.lidar.view(), ODOMETRY_SCALE_SD, ODOMETRY_BEND_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, np.random.default_rng(0))
         self._overrun_m = overrun_of(spec.lidar)

@@ -67,7 +67,7 @@ class Robot:
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.loops: LoopClosing | None = None  # without correction odometry has the pose, and no loop could move it
         if spec.odometry.noisy and config.filter.correct_pose:
-            self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view())
+            self.loops = LoopClosing(config.filter.submaps, spec.lidar.view())
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         wants_maps = config.cooperation.sharing
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes, wants_maps)

@@ -188,9 +188,10 @@ class LidarSpec(Message, use_attribute_docstrings=True):
         step = self.beam_step * (-1 if self.clockwise else 1)
         return math.radians(self.mount_yaw_deg + self.first_beam_deg) + step * np.arange(self.beams, dtype=np.float64)
 
-    def half_view(self) -> float:
-        """Radians to the side of the robot's heading at which its farthest beam looks."""
-        return float(np.abs(wrapped(self.bearings())).max())
+    def view(self) -> tuple[float, float]:
+        """Radians from the robot's heading to the middle of what the lidar sees, and from there to either side."""
+        bearings = self.bearings()
+        return float(wrapped(0.5 * (bearings[0] + bearings[-1]))), 0.5 * self.beams * self.beam_step
 
     def cleaned(self, readings: Floats) -> Floats:
         """Readings (beams,), m, as ranges: inf from the lidar's range on, NaN for no number, 0 and what is too near."""

@@ -85,7 +85,7 @@ class Mapper:
         config = AgentConfig()
         self._perception = Perception(config.perception, spec, alone=True)
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence(seed))
-        self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view())
+        self.loops = LoopClosing(config.filter.submaps, spec.lidar.view())
         self.settled = 0
         """How often the map was merged anew from submaps."""
 

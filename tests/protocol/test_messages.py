@@ -293,6 +293,7 @@ def test_beams_of_a_spec_have_bearings_and_moments() -> None:
         beams=8, turning=True, field_of_view_deg=180, first_beam_deg=90, clockwise=True, mount_yaw_deg=10
     )
     assert np.degrees(narrow.bearings()) == pytest.approx([100, 77.5, 55, 32.5, 10, -12.5, -35, -57.5])
+    assert np.degrees(narrow.view()) == pytest.approx([21.25, 90])
     assert narrow.moments() == pytest.approx([*np.arange(9, 17) / 16])
 
 

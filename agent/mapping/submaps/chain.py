@@ -54,11 +54,17 @@ class Submaps:
     """The chain, and the pose of the robot in it. Frame: the robot's own, in which the first submap lies at zero."""
 
     def __init__(
-        self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0, bend_sd: float = 0.0
+        self,
+        config: SubmapConfig,
+        view: tuple[float, float] = (0.0, math.pi),
+        scale_sd: float = 0.0,
+        bend_sd: float = 0.0,
     ) -> None:
-        """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres, as a
-        share. bend_sd: rad a metre by which it bends a straight way."""
-        self._config, self._half_view = config, half_view
+        """view: rad, as of `LidarSpec.view`. scale_sd: of the odometry's metres, as a share. bend_sd: rad a metre by
+        which it bends a straight way."""
+        self._config = config
+        self._looks = np.array((0.0, 0.0, view[0]))  # from a pose to the middle of the view there
+        self._half_view = view[1]
         self._length, self._bend = LengthScale(scale_sd), Bend(bend_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
@@ -125,7 +131,7 @@ class Submaps:
         known, held = prior, False
         if len(seen) and len(walls):
             samples = samples_along(seen)
-            last_view = Submap(walls, samples, before[None], self._config.view_m, self._half_view)
+            last_view = Submap(walls, samples, (before + self._looks)[None], self._config.view_m, self._half_view)
             self._local, known, held, overruled = track(samples, last_view, guesses, prior)
             self._overruled = guesses[:1] if overruled else []
         if held:
@@ -175,7 +181,8 @@ class Submaps:
         self.compare_all()
         walls, new = united([self._own.walls]), len(self.finished)
         sure = walls[walls["seen"] >= CONFIRMED]
-        place = Submap(walls, samples_along(sure), np.array(self._views), self._config.view_m, self._half_view)
+        views = np.array(self._views) + self._looks
+        place = Submap(walls, samples_along(sure), views, self._config.view_m, self._half_view)
         self.finished.append(place)
         self.poses = np.vstack((self.poses, compose(pose_of(self.poses[-1]), pose_of(self._local))))
         sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))

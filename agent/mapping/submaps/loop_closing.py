@@ -37,9 +37,9 @@ nothing against the map. The heading errs from scan to scan, the walls that the 
 class LoopClosing:
     """Submaps that follow a robot, and where its filter had it at the begin of each."""
 
-    def __init__(self, config: SubmapConfig, half_view: float) -> None:
-        """half_view: rad to either side of the heading that the lidar sees."""
-        self.submaps = Submaps(config, half_view)
+    def __init__(self, config: SubmapConfig, view: tuple[float, float]) -> None:
+        """view: rad, as of `LidarSpec.view`."""
+        self.submaps = Submaps(config, view)
         self._frames: list[Pose] = []  # of the submaps, by the filter
         self._begins: list[int] = []  # ticks at which they began
         self._sds: list[Floats] = []  # (3,) how well it knew each: m, m, rad

@@ -57,9 +57,9 @@ class Submap(NamedTuple):
 
     walls: Records  # (n,) of SEGMENT
     samples: Floats  # (k, 5) along those walls that scans have confirmed
-    views: Floats  # (v, 3) poses from which it was seen
+    views: Floats  # (v, 3) places from which it was seen, and where the middle of the view was
     reach: float  # m, how far its views see walls
-    half_view: float  # rad to either side of a view's heading
+    half_view: float  # rad to either side of the middle of a view
 
 
 class Found(NamedTuple):

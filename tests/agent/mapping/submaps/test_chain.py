@@ -11,7 +11,8 @@ import pytest
 from agent.config import AgentConfig
 from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.mapping.submaps import chain, tracking
-from agent.mapping.submaps.loops import Found, Submap, find
+from agent.mapping.submaps.loops import Found, Submap, due, find
+from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, moved, samples_along
@@ -137,6 +138,17 @@ def test_the_way_is_as_sure_as_walls_held_it() -> None:
         sds.append(np.sqrt(np.diag(np.linalg.inv(mind.submaps.graph().information[0]))))
     assert (sds[0] < (0.05, 0.05, math.radians(0.5))).all()
     assert sds[1][0] > 1.4 * sds[0][0] and sds[1][1] < sds[0][0]
+
+
+def test_a_lidar_that_looks_aside_need_not_show_what_is_on_the_other_side() -> None:
+    """As one of all around, it should have shown it, and one loop in six was lost."""
+    lidar = HALF_TURN.model_copy(update={"mount_yaw_deg": -90.0})
+    mind, way = Passenger(ideal_spec(lidar=lidar), AgentConfig()), np.zeros((30, 3))
+    way[:, 0] = np.arange(30) * 0.2
+    for observation in observations(np.array(outline((-9, -2), (9, -2), (9, 2), (-9, 2))), way, lidar, DRIFT, 0):
+        mind.step(observation)
+    place, aside = mind.submaps.finished[0], np.array([(1.0, 1.0, -1.0, 0.0), (1.0, -1.0, 1.0, 0.0)])
+    assert due(place, tiles_of(place.walls), aside, np.zeros(3))[0].tolist() == [False, True]
 
 
 def filled(walls: list[Wall], boxes: int, seed: int, clear: Callable[[float, float], bool]) -> Floats:

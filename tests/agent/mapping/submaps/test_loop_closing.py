@@ -34,7 +34,7 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
     The filter's path, the true one, and closings: the tick, and where the path up to there then is.
     """
     way = laps(SIDE, WIDTH, 2.0, step=0.2)
-    mind, loops, path, closed = _filter(), LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view()), [], []
+    mind, loops, path, closed = _filter(), LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view()), [], []
     for seen in observations(WALLS, way, SPEC.lidar, SPEC.odometry, 1):
         told = mind.way(seen.poses())
         scan = perceive(seen.scan(), SPEC, alone=True)
@@ -80,7 +80,7 @@ def test_a_torn_map_is_made_whole_by_the_loop_that_shows_it() -> None:
 
 
 def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     start: Pose = (3.0, -2.0, 1.0)
     way, before = laps(SIDE, WIDTH, 0.25, step=0.2), None
     for seen in observations(WALLS, way, SPEC.lidar, EXACT, 1):
@@ -104,7 +104,7 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
 
 
 def test_a_mind_that_begins_under_way_counts_the_way_there_once() -> None:
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     before: Pose = (0.0, 0.0, 0.0)
     for seen in observations(WALLS, laps(SIDE, WIDTH, 0.25, step=0.2), SPEC.lidar, EXACT, 1)[10:]:
         by, before = relative(before, seen.odometry), seen.odometry
@@ -125,7 +125,7 @@ def test_only_loops_of_two_submaps_that_agree_show_that_a_map_is_torn(
     monkeypatch: pytest.MonkeyPatch, pair: tuple[int, int], second: Pose, torn: bool
 ) -> None:
     """Two of one submap are one witness: its walls may lie turned in its frame. pair: submaps of the second loop."""
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     loops._frames = [(0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (3.0, 5.0, 1.0), (3.0, 5.0, 1.0)]
     off = [(1.0, 0.0, 0.0), second]  # of the later submap, as two loops have it
     ends, information = np.array(((0, 2), pair)), np.tile(np.eye(3), (2, 1, 1))
@@ -145,7 +145,7 @@ def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_
     monkeypatch: pytest.MonkeyPatch, shown: tuple[int, ...], known_m: float, speaks: bool
 ) -> None:
     """The loop has the last submap at the first one, the filter 4 m from there: at the second and third, half each."""
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     loops._frames = [
         (0.0, 0.0, 0.0),
         (4.0, 0.0, 0.0),
@@ -177,7 +177,7 @@ def test_a_loop_says_nothing_of_the_map_where_the_heading_at_one_moment_was_as_u
     monkeypatch: pytest.MonkeyPatch, sd_deg: float, speaks: bool
 ) -> None:
     """The loop turns the last submap by 4.4 degrees from where the filter had the robot when it began."""
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     loops._frames = [(0.0, 0.0, 0.0), (0.0, 0.0, math.radians(4.4))]
     loops._sds = [np.array((0.01, 0.01, math.radians(sd))) for sd in (0.0, sd_deg)]
     loops.submaps.finished = [
@@ -194,7 +194,7 @@ def test_a_loop_says_nothing_where_the_filter_knows_how_far_off_it_may_be(
     monkeypatch: pytest.MonkeyPatch, known_m: float, speaks: bool
 ) -> None:
     """The loop lies in a corridor: it has the place 0.4 m aside, and knows nothing along it."""
-    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.view())
     loops._frames = [(0.0, 0.0, 0.0), (0.1, 0.4, 0.0)]
     loops._sds = [np.array((known_m, 0.0, 0.0)), np.zeros(3)]
     loops.submaps.finished = [
