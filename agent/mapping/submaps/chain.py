@@ -140,8 +140,10 @@ class Submaps:
         else:
             self._length.lose()
             self._bend.lose()
-        self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
         travel = travelled(by)
+        self._unsure = _carried(self._unsure, before, self._local)
+        if travel > 0.0:
+            self._unsure += self._covariance_of(by, min(travel / MERGE_AFTER_M, 1.0), known - prior)
         self._since_merged += travel
         if self._since_merged >= MERGE_AFTER_M or not len(self._own.walls):
             here = moved(seen, self._local)
@@ -166,6 +168,15 @@ class Submaps:
         place = config.distance_sd**2 * far + config.still_sd_m**2
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
         return np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
+
+    def _covariance_of(self, by: Pose, share: float, walls: Floats) -> Floats:
+        """(3, 3) by which a motion leaves the pose unsure; walls: (3, 3) what a scan then tells of it.
+
+        Scans from one place err alike: the motion counts as this share of a longer one to a place of its own.
+        """
+        ahead, aside, turn = by
+        longer = self._by_odometry((ahead / share, aside / share, turn / share))
+        return self._config.way_share * share * inverse(walls + longer)
 
     @property
     def is_comparing(self) -> bool:
