@@ -39,8 +39,8 @@ BREAK_S = 5.0
 """Longest break between two of them. Of a post that is passed every second scan or so shows something. People who walk
 by at different times are not one thing."""
 MOST = 50
-"""Places that are kept until the robot has looked there: a building of 600 m2 brings about 20. Where it has looked is kept,
-and no place beyond as many as of goals: else it would look at what stays unexplained for ever."""
+"""Places that are kept until the robot has looked there: a building of 600 m2 brings about 20. Where it has looked,
+as many are kept as of goals, and no more: else it would look at what stays unexplained for ever."""
 
 SeesPast = Callable[[Floats, float], Bools]
 """Which (n,) of places (n, 2) a scan sees past, and so many metres to either side of them."""
