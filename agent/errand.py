@@ -13,7 +13,7 @@ class Errand:
     place: Floats
     """(2,) metres, the robot's own frame: near it the robot looks."""
     since: int
-    """Tick of setting out to the place of contact."""
+    """Tick of setting out to the place of contact, of those in which the robot was awake."""
     detours: int = 0
     """Other places that the robot has driven to since."""
     ended: Literal["", "arrived", "no way"] = ""

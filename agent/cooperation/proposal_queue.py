@@ -8,6 +8,7 @@ import numpy as np
 
 from agent.cooperation.peer import Proposed
 from agent.errand import Errand
+from agent.period import WakingTime
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
@@ -27,6 +28,7 @@ class ProposalQueue:
     def __init__(self, time_out_s: float, rate_hz: float) -> None:
         """time_out_s: after which a drive ends undecided; rate_hz: ticks a second."""
         self._time_out, self._still_heard = time_out_s * rate_hz, STILL_HEARD_S * rate_hz
+        self._awake = WakingTime(rate_hz)
         self.proposals: list[Proposed] = []
         self.errand: Errand | None = None
         """To verify the first; None without proposal."""
@@ -47,13 +49,14 @@ class ProposalQueue:
 
         pose: the robot's, in its own frame.
         """
+        awake = self._awake.at(tick)
         if not self.proposals:
             return None
         peer, errand = self.proposals[0], self.errand
         if errand is None:
             assert peer.log.first_encounter is not None
-            self.errand = Errand(apply(peer.transform, np.array([peer.log.first_encounter.theirs[:2]]))[0], tick)
-        elif tick - errand.since > self._time_out:
+            self.errand = Errand(apply(peer.transform, np.array([peer.log.first_encounter.theirs[:2]]))[0], awake)
+        elif awake - errand.since > self._time_out:
             return peer, "it took too long"
         elif errand.ended == "no way" and not errand.detours:
             return peer, "unreachable"

@@ -68,7 +68,7 @@ class Agenda(NamedTuple):
 
 @dataclass(slots=True)
 class Target:
-    """The task under way."""
+    """The task under way. Its ticks are those of `Scene.awake`."""
 
     task: Task
     path: Floats  # (k, 2) from the robot to the standing point

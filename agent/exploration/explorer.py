@@ -116,7 +116,7 @@ class Explorer:
         self._wake(read_ticks)
         self._judge(scene, moved_on)
         if self.target is None or (read_ticks and self._reconsiders(scene, self.target)):
-            self._decided_tick, self._decided_version = scene.tick, scene.version
+            self._decided_tick, self._decided_version = scene.awake, scene.version
             self._put_back, self.target = self.target, None
         return scene
 
@@ -272,7 +272,7 @@ class Explorer:
                 return
             if moved_on:
                 target.task = target.task._replace(samples=left)
-        if scene.tick > target.deadline:
+        if scene.awake > target.deadline:
             self._give_up("it took too long")
             return
         # an end is seen from nearby as well as from the point itself
@@ -294,7 +294,7 @@ class Explorer:
         """
         self.target, place = None, target.task.place
         in_sight = math.hypot(*(place - scene.here)) <= self.spec.lidar.range_max_m
-        if in_sight and self.goals.end_of(target.task) < 0 and scene.tick - target.chosen >= self._reconsider_ticks:
+        if in_sight and self.goals.end_of(target.task) < 0 and scene.awake - target.chosen >= self._reconsider_ticks:
             self._events += self.goals.closed(target.task)
 
     def _arrived(self, scene: Scene, target: Target) -> None:
@@ -360,7 +360,7 @@ class Explorer:
             return False
         if not is_end(target.task) and not self.config.pockets:
             return True
-        return scene.tick - self._decided_tick >= self._reconsider_ticks and scene.version != self._decided_version
+        return scene.awake - self._decided_tick >= self._reconsider_ticks and scene.version != self._decided_version
 
     # what to do next
 
@@ -415,14 +415,14 @@ class Explorer:
         assert route is not None, "tasks are made of standing points that are reached"
         looks_due = self._ticks(LOOKS_S[task.kind]) if task.kind in LOOKS_S else 1
         deadline = self._deadline(scene, route.path)
-        self.target = Target(task, route.path, roads.clearance, deadline, looks_due, chosen=scene.tick)
+        self.target = Target(task, route.path, roads.clearance, deadline, looks_due, chosen=scene.awake)
         if old is not None and self.goals.same(old.task, task):
             self.target.chosen, self.target.deadline = old.chosen, old.deadline
             self.target.stands_tried, self.target.stuck = old.stands_tried, old.stuck
             self.headway.allow(length_of(route.path))
             return self.target
         self.homing.pursue(task)
-        self.headway.restart(scene.tick)
+        self.headway.restart(scene.awake)
         self._waits = 0
         if is_end(task):
             self._tell("frontier", what="chosen", place=rounded(task.place), cost=round(route.cost, 2))
@@ -435,7 +435,7 @@ class Explorer:
 
     def _park_at(self, scene: Scene, place: Target) -> Target:
         self.target = place
-        self.headway.restart(scene.tick)
+        self.headway.restart(scene.awake)
         return place
 
     def _step_aside(self, scene: Scene) -> Target | None:
@@ -456,31 +456,31 @@ class Explorer:
     def _wait(self, scene: Scene) -> Target:
         """Stand until the teammates that bar all there is may have moved on."""
         self._waits += 1
-        self.headway.restart(scene.tick)
+        self.headway.restart(scene.awake)
         here, patience = Task("wait", scene.here, scene.here), self.headway.patience
         self.target = Target(here, scene.here[None], self.surroundings.tight_m, looks_due=patience)
         return self.target
 
     def _deadline(self, scene: Scene, path: Floats) -> float:
-        """Tick at which a target at the end of a path (k, 2) is given up."""
+        """Tick of `Scene.awake` at which a target at the end of a path (k, 2) is given up."""
         seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + self.config.patience_s
-        return scene.tick + math.ceil(seconds / self.driver.tick_s)
+        return scene.awake + math.ceil(seconds / self.driver.tick_s)
 
     # how to get there
 
     def _drive(self, scene: Scene, target: Target) -> Motion:
         """The next motion along the target's path, or back. Here a robot finds that it is stuck, or long barred."""
-        if scene.tick < self._back_off[0]:
+        if scene.awake < self._back_off[0]:
             return self._drive_back(scene)
         target.path = ahead_of(target.path, scene.here, scene.walls, target.clearance)
         left_m = length_of(target.path)
         if left_m <= 0.5 * ARRIVED_M:
-            self.headway.restart(scene.tick)
+            self.headway.restart(scene.awake)
             return STOP
         motion = self.driver.follow(target.path, scene.pose, scene.near, target.clearance - GIVE_M)
         x, y = scene.here.tolist()
         mate = self.surroundings.teammates.near(x, y, BLOCKED_M) if motion.held else None
-        pace = self.headway.judge(scene.tick, left_m, mate is not None)
+        pace = self.headway.judge(scene.awake, left_m, mate is not None)
         if pace == "stuck":
             self._stuck(scene, target)
         elif pace == "impatient" and mate is not None:
@@ -496,7 +496,7 @@ class Explorer:
             route = roads.way_to(target.task.stand)
             if route is not None:
                 target.path, target.clearance = route.path, roads.clearance
-                self.headway.restart(scene.tick)
+                self.headway.restart(scene.awake)
                 return
         route = standing.away_from(teammate, self.viewpoints.own_places(), scene.walls, roads)
         if kind not in ("retreat", "wait", "park"):
@@ -505,7 +505,7 @@ class Explorer:
             stand, deadline = route.path[-1], self._deadline(scene, route.path)
             task = Task("retreat", stand, stand)
             self.target = Target(task, route.path, roads.clearance, deadline, self.headway.patience)
-        self.headway.restart(scene.tick)
+        self.headway.restart(scene.awake)
 
     def _stuck(self, scene: Scene, target: Target) -> None:
         """Back off, and give the target up the second time."""
@@ -517,8 +517,8 @@ class Explorer:
         reason, recovery = "an unseen wall" if unseen else "no progress", "another goal" if gives_up else "back off"
         kind = target.task.kind
         self._tell("stuck", place=rounded(scene.here), on_the_way_to=kind, reason=reason, recovery=recovery)
-        self.headway.restart(scene.tick)
-        self._back_off = scene.tick + self._ticks(BACK_OFF_S), scene.here
+        self.headway.restart(scene.awake)
+        self._back_off = scene.awake + self._ticks(BACK_OFF_S), scene.here
         if gives_up:
             self._give_up("stuck on the way")
         elif target.stuck > 1:  # another one may have parked there
@@ -528,7 +528,7 @@ class Explorer:
         """Towards the most room within a short drive."""
         if math.hypot(*(scene.here - self._back_off[1])) >= BACK_OFF_M:
             self._back_off = -1, scene.here
-            self.headway.restart(scene.tick)
+            self.headway.restart(scene.awake)
         around = scene.here + BACK_OFF_M * circle(16)
         room = distances_to_walls(around, scene.near.walls)
         for x, y in scene.near.discs:

@@ -16,7 +16,7 @@ from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
-from agent.period import in_ticks
+from agent.period import WakingTime, in_ticks
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.messages import RobotSpec
@@ -61,6 +61,7 @@ class Situation:
 class Scene(Situation):
     """A situation with what follows from it, in the frame of the map."""
 
+    awake: int  # ticks for which the robot has been so: what it is given time for goes by them
     here: Floats  # (2,) the place of the pose
     walls: Floats  # (m, 4) all that may not be driven through or seen through
     near: Obstacles  # what the next commands must not touch
@@ -112,6 +113,7 @@ class Surroundings:
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
+        self._awake = WakingTime(spec.lidar.rate_hz)
 
     @property
     def lasting(self) -> Floats:
@@ -137,7 +139,7 @@ class Surroundings:
         discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
         hidden = self._close.hidden(here[0], here[1], seen, walls, fronts(situation.close, pose))
         near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], NEAR_M), hidden)), discs)
-        return Scene(**vars(situation), here=here, walls=walls, near=near)
+        return Scene(**vars(situation), awake=self._awake.at(tick), here=here, walls=walls, near=near)
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:
         """Ways from here with room, then tight ones; around teammates or through them, never through unseen walls."""

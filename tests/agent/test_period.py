@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.period import Period, in_ticks
+from agent.period import HELD_S, Period, WakingTime, in_ticks
 
 
 @pytest.mark.parametrize(("ticks", "begin"), [(1, 0), (2, 7), (5, 3)])
@@ -39,3 +39,10 @@ def test_a_tick_that_comes_twice_is_due_once() -> None:
 
 def test_no_time_is_shorter_than_a_tick() -> None:
     assert [in_ticks(1.0, rate_hz) for rate_hz in (0.1, 0.5, 1.0, 5.0, 20.0)] == [1, 1, 1, 5, 20]
+
+
+def test_a_robot_that_was_held_was_not_awake() -> None:
+    """Under a dead man's switch it gave goals up that it had not been let drive to."""
+    awake, most = WakingTime(20.0), in_ticks(HELD_S, 20.0)
+    assert [awake.at(tick) for tick in (7, 8, 10, 10 + most)] == [0, 1, 3, 3 + most]
+    assert awake.at(100_000) == 3 + 2 * most

@@ -28,21 +28,31 @@ BESIDE = (1.5, 5.5, 0.0)  # free in the maze of seed 0, as (1.5, 3.5) is
 LATER = 1000  # a tick, long after the last contact
 
 
-def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tuple[Team, Proposed]:
-    """A team whose only peer is on trial and silent, at the end of the drive to where it was.
-
-    ground, discs: what its walls and sightings weigh, nats; theirs: its map.
-    """
+def setting_out(theirs: Wireframe = EMPTY) -> tuple[Team, Proposed]:
+    """A team whose only peer is on trial and silent, on the way to where it was; theirs: its map."""
     team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
     peer = Unaligned(PeerLog("r2", encounters=[Encounter(HERE, (3.0, 0.0, 0.0))]))
     peer.log.map = ReceivedMap(theirs, 0)
     proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
     team.judge(LATER - 1, EMPTY, HERE)
+    return team, proposed
+
+
+def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tuple[Team, Proposed]:
+    """The same at the end of the drive. ground, discs: what the peer's walls and sightings weigh, nats."""
+    team, proposed = setting_out(theirs)
     assert team.errand is not None and team.errand.place.tolist() == [3.0, 0.0]
     proposed.trial.nats["ground"], proposed.trial.nats["discs"] = ground, discs
     team.errand.ended = "arrived"
     team.judge(LATER, EMPTY, HERE)
     return team, proposed
+
+
+def test_a_robot_that_was_held_drives_on_to_verify() -> None:
+    """Its mind takes no step meanwhile, and the ticks go on by the clock."""
+    team, proposed = setting_out()
+    team.judge(100 * LATER, EMPTY, HERE)
+    assert team.queue.proposals == [proposed] and team.errand is not None
 
 
 @pytest.mark.parametrize("ground", [0.0, GROUND_MOST_NATS])

@@ -532,6 +532,13 @@ def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
         assert any(event.data.get("reason") == "stuck on the way" for event in events)
 
 
+def test_a_robot_that_was_held_is_not_stuck_and_gives_nothing_up():
+    """While a dead man's switch is off it takes no step, and the ticks go on by the clock."""
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
+    commands = at(wall, explorer(pockets=False), [*range(10), *range(10_000, 10_005)])
+    assert [event.data["what"] for command in commands for event in command.events] == ["chosen"]
+
+
 def test_no_way_through_an_unseen_wall_is_tried_twice():
     """A pane of glass, which no scan shows, leaves 0.8 m of a room 4 m wide: found by touch, and passed by."""
     hall = chain([(-3, -2), (4, -2), (4, 2), (-3, 2), (-3, -2)])
