@@ -22,7 +22,7 @@ from agent.exploration.glimpses import SAME_M
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.homing import Homing
-from agent.exploration.parking import Parking
+from agent.exploration.parking import AGAIN_S, Parking
 from agent.exploration.path import ARRIVED_M, GIVE_M, ahead_of, length_of, still_clear
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
@@ -440,10 +440,10 @@ class Explorer:
 
     def _step_aside(self, scene: Scene) -> Target | None:
         """Park elsewhere, nearby, so that who sees the robot can tell it from a post."""
-        if not self.parking.may_step_aside(scene.here, self.target):
+        if not self.parking.may_step_aside(scene.tick, scene.here, self.target):
             return None
-        roads = self.surroundings.tight_ways(scene)
-        place = self.parking.aside(scene.here, self.viewpoints.own_places(), roads)
+        roads, again = self.surroundings.tight_ways(scene), scene.tick + self._ticks(AGAIN_S)
+        place = self.parking.aside(again, scene.here, self.viewpoints.own_places(), roads)
         return None if place is None else self._park_at(scene, place)
 
     def _barred(self, scene: Scene) -> bool:

@@ -9,6 +9,7 @@ from agent.exploration.planning import Roads
 from protocol.arrays import Floats
 
 MOST_SHOWN = 8  # places where a complete robot shows itself: three sightings decide, and who never merges gains no more
+AGAIN_S = 1.0  # seconds after which a robot that is barred asks again for such a place, as planning takes its time
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 
 
@@ -17,6 +18,7 @@ class Parking:
 
     def __init__(self) -> None:
         self._shown: list[Floats] = []  # (2,) each
+        self._again = 0  # tick before which no further place is asked for
 
     def leave(self) -> None:
         """The robot has something to do again."""
@@ -38,18 +40,25 @@ class Parking:
         route = route or standing.out_of_the_way(places, roads)
         return _at_end_of(here[None] if route is None else route.path, roads)
 
-    def may_step_aside(self, here: Floats, parked: Target | None) -> bool:
-        """Whether a robot has arrived where it parks, and has not shown itself often enough."""
-        return parked is not None and parked.within(ARRIVED_M, here) and len(self._shown) < MOST_SHOWN
+    def may_step_aside(self, tick: int, here: Floats, parked: Target | None) -> bool:
+        """Whether a robot has arrived where it parks, has not shown itself often enough, nor was barred just now."""
+        if parked is None or tick < self._again:
+            return False
+        return parked.within(ARRIVED_M, here) and len(self._shown) < MOST_SHOWN
 
-    def aside(self, here: Floats, own: Floats, roads: Roads) -> Target | None:
+    def aside(self, again: int, here: Floats, own: Floats, roads: Roads) -> Target | None:
         """A place near one where it has parked (2,), apart from all where it has shown itself; None without any.
 
         What stands still may be a post, and is no evidence of where its frame lies. own: (k, 2) former places.
+        again: tick at which it is asked again where there is none, as a teammate may bar it for a moment.
         """
-        self._shown.append(here)
-        route = standing.aside(np.array(self._shown), own, roads)
-        return None if route is None else _at_end_of(route.path, roads)
+        shown = [*self._shown, here]
+        route = standing.aside(np.array(shown), own, roads)
+        if route is None:
+            self._again = again
+            return None
+        self._shown = shown
+        return _at_end_of(route.path, roads)
 
 
 def _at_end_of(path: Floats, roads: Roads) -> Target:

@@ -17,7 +17,7 @@ from agent.exploration.explorer import Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import REMEMBERED, GoalMemory
-from agent.exploration.parking import AT_HOME_M, Parking
+from agent.exploration.parking import AT_HOME_M, MOST_SHOWN, Parking
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
@@ -38,6 +38,7 @@ SPEC = RobotSpec()
 TIGHT_M = SPEC.radius_m + DrivingConfig().tight_path_air_m
 NOBODY = np.zeros((0, 2))
 NO_WALLS, HERE = np.zeros(0, SEGMENT), (0.0, 0.0, 0.0)
+NO_BARRIER = np.zeros((0, 4))
 
 
 def drawn(*polylines: list[tuple[float, float]], spawn: Pose) -> World:
@@ -785,6 +786,22 @@ def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_i
     assert len(stands) == (9 if stranger and seen else 1)
     apart = np.hypot(*(np.array(stands)[:, None] - np.array(stands)).transpose(2, 0, 1))
     assert (apart[np.triu_indices(len(stands), 1)] > 0.3).all()
+
+
+def test_a_parked_robot_that_is_barred_for_a_while_shows_itself_afterwards():
+    """Each tick in which it found no way counted as a place where it had shown itself."""
+    parking, here, own = Parking(), np.array((0.3, 0.0)), np.column_stack([np.arange(0.3, 3.0, 0.5), np.zeros(6)])
+    dead_end = chain([(3, 0.3), (0, 0.3), (0, -0.3), (3, -0.3)])
+    there, barrier, places = Target(Task("park", here, here), here[None], 0.13), np.array([(0.7, -0.3, 0.7, 0.3)]), []
+    for tick in range(2 * MOST_SHOWN):
+        assert parking.may_step_aside(tick, here, there)
+        walls = barrier if tick < MOST_SHOWN else NO_BARRIER
+        places.append(parking.aside(tick + 1, here, own, Roads(dead_end, here, 0.13, walls)))
+        if places[-1]:
+            break
+    assert len(places) == MOST_SHOWN + 1
+    parking.aside(tick + 2, here, own, Roads(dead_end, here, 0.13, barrier))
+    assert not parking.may_step_aside(tick + 1, here, there)
 
 
 def test_configurations_are_checked():
