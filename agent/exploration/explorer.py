@@ -405,8 +405,7 @@ class Explorer:
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
             return self._wait(scene)
         self.complete = True
-        given_up = len(self.goals.ends.points) - len(self.goals.fresh())
-        self._tell("complete", reason=self.states.ended(), unreachable=given_up)
+        self._tell("complete", reason=self.states.ended(), unreachable=sum(map(bool, self.goals.reasons)))
         return self._park(scene, None)
 
     def _pursue(self, scene: Scene, task: Task, roads: Roads, old: Target | None) -> Target:

@@ -33,6 +33,7 @@ TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that 
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD_ENDS = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 LEFT = "a teammate looked at it in vain"  # the reason why a goal is left to a teammate
+TOO_MANY = "too many ends stay open"  # ... and why one is not tried
 
 
 class Goals:
@@ -47,6 +48,7 @@ class Goals:
         """Open ends that were looked at in vain, for teammates: x, y and the wall's direction as messages have it."""
         self._tried = np.zeros(0, np.int64)  # per open end its record in the memory, or -1
         self._left = np.zeros(0, np.bool_)  # per open end whether it is left to a teammate
+        self._all = self.ends, self._left  # the same of all open ends, also of those that are too many
         self._version, self._tick = -1, -1
 
     @property
@@ -56,9 +58,14 @@ class Goals:
 
     @property
     def reasons(self) -> list[str]:
-        """Per open end why it was given up; empty where it was not."""
-        ends = zip(self._records(), self._left, strict=True)
-        return [record.reason or (LEFT if left else "") for record, left in ends]
+        """Per open end of the map, also of those that are too many, why it was given up; empty where it was not."""
+        ends, all_left = self._all
+        records = self._records(self.memory.find(ends.points, ends.along))
+        untried = TOO_MANY if self.memory.is_full else ""
+        return [
+            record.reason or (LEFT if left else untried if record is UNTRIED else "")
+            for record, left in zip(records, all_left, strict=True)
+        ]
 
     def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks since the last reading, 0 where none is made."""
@@ -71,6 +78,7 @@ class Goals:
         self.memory.still_open(self._tried)
         # what two robots looked at in vain is both's business: each left it to the other for good
         self._left = (same_ends(self.ends.points, self.ends.along, scene.left_ends) >= 0) & ~self._given_up()
+        self._all = self.ends, self._left
         if len(self._tried) > MOST_HEARD_ENDS:
             self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
@@ -99,17 +107,17 @@ class Goals:
 
     def again(self) -> Ints:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""
-        version = self._version
-        again = [record.given_up and not record.unreachable and record.version != version for record in self._records()]
+        version, records = self._version, self._records(self._tried)
+        again = [record.given_up and not record.unreachable and record.version != version for record in records]
         return np.flatnonzero(np.array(again, np.bool_) & ~self._left)
 
     def _given_up(self) -> Bools:
         """(g,) which open ends were looked at in vain, or given up."""
-        return np.array([record.given_up for record in self._records()], np.bool_)
+        return np.array([record.given_up for record in self._records(self._tried)], np.bool_)
 
-    def _records(self) -> list[Tried]:
-        """Per open end what became of it so far."""
-        return [self.memory.tried[k] if k >= 0 else UNTRIED for k in self._tried]
+    def _records(self, tried: Ints) -> list[Tried]:
+        """Per open end, as the memory has found it (k,), what became of it so far."""
+        return [self.memory.tried[k] if k >= 0 else UNTRIED for k in tried]
 
     def end_of(self, task: Task) -> int:
         """The open end that the task is about, or -1."""
@@ -137,7 +145,7 @@ class Goals:
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, SAME_PLACE_M)
         stands = stands_of(self.ends, goals, close)
         good = roads.with_view(stands.points, stands.in_view)
-        records = self._records()
+        records = self._records(self._tried)
         behind = ((stands.points - self.ends.points[stands.goal]) * self.ends.free[stands.goal]).sum(1) < 0.0
         for goal in goals:
             of_goal = stands.goal == goal

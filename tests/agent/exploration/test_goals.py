@@ -85,6 +85,7 @@ def test_no_more_open_ends_are_tried_than_are_remembered() -> None:
         version += 1
         read(goals, wall, version=version)
     assert not len(rows) and len(goals.memory.tried) == REMEMBERED
+    assert len(goals.reasons) == REMEMBERED + 10 and all(goals.reasons)  # those that are too many, too
     closed = strewn(own=REMEMBERED // 2 + 4, heard=0)
     closed.points[:] += 0.0, 0.5  # the nearest one is there no more, so what was tried there makes room
     read(goals, closed, version=version + 1)
