@@ -32,7 +32,6 @@ from agent.geometry.wall_tiles import wall_tiles
 from agent.mapping.submaps.settled import Settled
 from agent.state import State, checked
 from protocol.arrays import Floats
-from protocol.geometry import pose_of
 from protocol.messages import Event, RobotSpec
 
 LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
@@ -137,16 +136,17 @@ class Explorer:
         if not len(eyes) == len(ticks) <= MOST_KEPT or len(felt) > MOST_WALLS:
             raise ValueError("more viewpoints or walls than are kept")
         self.viewpoints.own = [(x, y) for x, y in eyes.tolist()]
-        self.viewpoints.ticks, self.surroundings.touch.walls = ticks.tolist(), felt
+        self.viewpoints.ticks = ticks.tolist()
+        self.surroundings.touch.restore(felt)
 
     def mend(self, settled: Settled) -> None:
         """The map was torn and is merged anew: from where it was looked moves with it.
 
-        So does what is beside the robot. All else that is remembered of places begins anew.
+        So do walls found by touch, and what is beside the robot. All else that is remembered of places begins anew.
         """
         eyes = self.viewpoints
         eyes.own = [(x, y) for x, y in settled.places(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
-        self.surroundings.mend(pose_of(settled.by[-1]))
+        self.surroundings.mend(settled)
         self._remember_nothing(self.states.rng)
 
     # the branches of Algorithm 1
@@ -512,7 +512,7 @@ class Explorer:
         gives_up = target.stuck > 1 and target.task.kind != "park"
         unseen = self.surroundings.touch.pushes
         if unseen:
-            self.surroundings.touch.remember(scene.pose)
+            self.surroundings.touch.remember(scene.tick, scene.pose)
         reason, recovery = "an unseen wall" if unseen else "no progress", "another goal" if gives_up else "back off"
         kind = target.task.kind
         self._tell("stuck", place=rounded(scene.here), on_the_way_to=kind, reason=reason, recovery=recovery)

@@ -16,9 +16,10 @@ from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
+from agent.mapping.submaps.settled import Settled
 from agent.period import WakingTime, in_ticks
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
@@ -73,6 +74,7 @@ class Touch:
     def __init__(self, spec: RobotSpec, driving: DrivingConfig) -> None:
         self.spec = spec
         self.walls = np.zeros((0, 4))  # (b, 4) as wide as the body with its air, frame of the map
+        self._met = np.zeros(0, np.int64)  # (b,) ticks
         self._half_m = spec.radius_m + driving.wall_air_m
         self._commanded_m = 0.0  # metres that the last command was to drive
         self._pushing = 0  # commands in a row that moved the robot by too little
@@ -93,12 +95,21 @@ class Touch:
         """Note the command for this tick."""
         self._commanded_m = speed_mps / self.spec.lidar.rate_hz
 
-    def remember(self, pose: Pose) -> None:
+    def remember(self, tick: int, pose: Pose) -> None:
         """Remember an unseen wall across the way just before the robot."""
         c, s = math.cos(pose[2]), math.sin(pose[2])
         off, half = self.spec.radius_m + GIVE_M, self._half_m
         x, y = pose[0] + off * c, pose[1] + off * s
         self.walls = np.vstack((self.walls, [x - half * s, y + half * c, x + half * s, y - half * c]))[-MOST_WALLS:]
+        self._met = np.append(self._met, tick)[-MOST_WALLS:]
+
+    def restore(self, walls: Floats) -> None:
+        """Go on with walls (b, 4) from before; no map is merged anew with them."""
+        self.walls, self._met = walls, np.zeros(len(walls), np.int64)
+
+    def mend(self, settled: Settled) -> None:
+        """Walls move with the part of the map in which the robot met them."""
+        self.walls = settled.places(np.repeat(self._met, 2), self.walls.reshape(-1, 2)).reshape(-1, 4)
 
     def nodes(self, clearance_m: float) -> Floats:
         """(j, 2) places where paths that keep the clearance bend around these walls: eight around each end."""
@@ -120,10 +131,11 @@ class Surroundings:
         """(m, 4) walls of the map that was looked at last, and those found by touch."""
         return np.vstack((self._known, self.touch.walls))
 
-    def mend(self, by: Pose) -> None:
-        """The map was torn and is merged anew: what is beside the robot has moved so; all else is forgotten."""
-        self.touch.walls, self.teammates.known = self.touch.walls[:0], []
-        self._close.move(by)
+    def mend(self, settled: Settled) -> None:
+        """The map was torn and is merged anew: walls have moved with it, and teammates are forgotten."""
+        self.touch.mend(settled)
+        self._close.move(pose_of(settled.by[-1]))
+        self.teammates.known = []
 
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""

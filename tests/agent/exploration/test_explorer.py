@@ -396,6 +396,17 @@ def test_a_wall_beside_it_moves_with_a_map_that_is_mended(seen):
     assert np.allclose(near.walls, [(0.33, -3.0, 0.33, 3.0)])
 
 
+def test_walls_found_by_touch_move_with_a_map_that_is_mended():
+    """They were forgotten, and glass was driven against once more."""
+    robot = explorer()
+    touch = robot.surroundings.touch
+    for tick in (10, 50):
+        touch.remember(tick, (0.01 * tick, 0.0, 0.0))
+    before = touch.walls
+    robot.mend(Settled(NO_WALLS, HERE, np.array([0, 40]), np.array([HERE, (0.0, 0.5, 0.0)])))
+    assert np.allclose(touch.walls - before, [(0.0,) * 4, (0.0, 0.5, 0.0, 0.5)])
+
+
 def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
     targets = {}
