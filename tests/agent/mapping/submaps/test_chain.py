@@ -155,7 +155,7 @@ def test_many_scans_from_one_place_leave_the_way_no_less_sure() -> None:
 
 
 def test_a_lidar_that_looks_aside_need_not_show_what_is_on_the_other_side() -> None:
-    """As one of all around, it should have shown it, and one loop in six was lost."""
+    """As one of all around, it should have shown it, and a quarter of its loops was lost."""
     lidar = HALF_TURN.model_copy(update={"mount_yaw_deg": -90.0})
     mind, way = Passenger(ideal_spec(lidar=lidar), AgentConfig()), np.zeros((30, 3))
     way[:, 0] = np.arange(30) * 0.2
