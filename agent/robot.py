@@ -116,7 +116,8 @@ class Robot:
         Of its branches the first look and the way home are ours, for robots whose odometry errs.
         """
         started, tick = time.perf_counter(), observation.tick
-        scan, own_changed = self._map_scan(observation, {message.sender for message in heard})
+        scan = self._map_scan(observation, {message.sender for message in heard})
+        own_changed = self._own.update(self.filter.wireframe())
         pose, seen = self.filter.pose, scan.wireframe()
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
@@ -163,6 +164,13 @@ class Robot:
             ),
         )
 
+    def look(self, observation: Observation) -> None:
+        """Take a tick in which the robot must stand, or somebody else drives it: it maps on, and plans nothing.
+
+        Nobody is heard meanwhile. Those that were in contact may still be there.
+        """
+        self._map_scan(observation, set(self.exchange.contacts))
+
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
         """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""
         viewpoints, ends = self.explorer.viewpoints, self.explorer.goals.in_vain
@@ -174,11 +182,8 @@ class Robot:
         frames, asks = self.team.frames, self.team.asks_for_views
         return self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
 
-    def _map_scan(self, observation: Observation, heard: set[str]) -> tuple[CornerScan, bool]:
-        """Perceive a scan and merge it into the own map: the corner scan, and whether that map has changed.
-
-        heard: who was heard in this tick.
-        """
+    def _map_scan(self, observation: Observation, heard: set[str]) -> CornerScan:
+        """Perceive a scan and merge it into the filter's map: the corner scan. heard: who was heard in this tick."""
         tick, poses, way = observation.tick, observation.poses(), self.filter.way(observation.poses())
         places, strangers = self.team.places.lately(tick), self.team.places.strangers_among(tick, heard)
         pose, known = self.filter.pose, self.wireframe
@@ -198,7 +203,7 @@ class Robot:
             self.perception.forget_posts()
             self.exchange.tell_frames_anew()
         self.perception.remember(tick, self.filter.pose)
-        return scan, self._own.update(self.filter.wireframe())
+        return scan
 
     def _situation(self, tick: int, scan: CornerScan, seen: Wireframe) -> Situation:
         """What the robot knows before it decides. seen: the scan as a wireframe."""

@@ -1,5 +1,6 @@
 """One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from agent.config import AgentConfig
 from agent.mapping.submaps.segments import SEGMENT
 from agent.mapping.submaps.settled import Settled
 from agent.robot import Robot
+from protocol.geometry import Pose
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
@@ -32,10 +34,10 @@ SQUARE = Wireframe(
 )
 
 
-def observation(tick: int, heard: int = 0, seed: int = 0) -> Observation:
+def observation(tick: int, heard: int = 0, seed: int = 0, pose: Pose = (0.0, 0.0, 0.0)) -> Observation:
     lidar = Lidar(ROOM, SPEC.lidar)
-    ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [np.random.default_rng([seed, tick])])[0]
-    return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0), heard=heard)
+    ranges = lidar.measured(lidar.cast(np.array([pose])), [np.random.default_rng([seed, tick])])[0]
+    return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=pose, heard=heard)
 
 
 def beacon(tick: int, sender: str = "r2") -> Heard:
@@ -90,6 +92,20 @@ def test_an_own_wall_that_is_new_just_after_a_laying_is_laid_once_that_is_due(mo
         monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
         mind._draw_map(tick, own_changed=tick in (5, 6))
     assert laid == [5, 8]
+
+
+def test_a_robot_that_somebody_else_drives_maps_on_and_knows_its_place() -> None:
+    minds = [Robot("r1", RobotSpec(lidar=ideal_lidar()), AgentConfig(), seed=3) for _ in range(2)]
+    for tick, turn in enumerate([0.0, 0.0, *np.linspace(0.0, 2.0 * math.pi, 30)]):
+        seen = observation(tick, pose=(0.3 * math.sin(turn), 0.3 - 0.3 * math.cos(turn), turn))  # a circle
+        minds[0].step(seen, [])
+        if 2 < tick < 31:
+            minds[1].look(seen)
+        else:
+            minds[1].step(seen, [])
+    assert minds[1].filter.pose == minds[0].filter.pose == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+    assert (minds[1].filter.covariance == minds[0].filter.covariance).all()
+    assert len(minds[1].wireframe.edges) == len(minds[0].wireframe.edges) > 0
 
 
 def test_merged_maps_are_laid_at_once_over_a_map_that_was_torn(monkeypatch: pytest.MonkeyPatch) -> None:

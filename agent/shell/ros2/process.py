@@ -297,9 +297,15 @@ class Ros2Shell:
                 publisher.put(showing.twist_stamped_of(speed_mps, turn_rps, self._now_s(), frame))
 
     def _step(self, seen: SensedScan) -> None:
-        """Take a step on a scan, unless the robot must stand: a mind that cannot drive would think that it is stuck."""
+        """Take a step on a scan. Where the robot must stand, its mind only looks, if it can.
+
+        One that cannot drive would think that it is stuck. One that sees nothing would take it that the robot, which
+        somebody else may drive, went straight to where it is then.
+        """
         self._last = seen
         if self._hindrance(time.monotonic()):
+            if look := getattr(self._mind, "look", None):
+                look(seen.observation)
             return
         if self._mind is None or self._seen_area is None:
             spec, seed = self._sensing.spec, zlib.crc32(self._robot.encode())

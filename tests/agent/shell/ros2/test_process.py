@@ -30,14 +30,20 @@ POSE: Pose = (0.3, 0.2, 0.1)
 
 
 class Goer(OwnMind):
-    """Drives, shows a map, and says its name; writes down whom it hears."""
+    """Drives, shows a map, and says its name; writes down whom it hears, and when it can only look."""
 
     ears: ClassVar[dict[str, set[str]]] = {}
+    looked: ClassVar[list[int]] = []
+    """Ticks in which it had to stand."""
 
     def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None:
         super().__init__(robot, spec, config, seed)
         self.ears[robot] = set()
         self.speed = 0.1
+        self.looked.clear()
+
+    def look(self, observation: Observation) -> None:
+        self.looked.append(observation.tick)
 
     def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
         self.ears[self.robot] |= {message.sender for message in heard if message.payload == message.sender.encode()}
@@ -103,6 +109,7 @@ def test_it_drives_only_while_somebody_holds_the_dead_mans_switch(endpoint: str)
         until(body.stands)
         until(held)
         until(body.stands)
+        until(lambda: len(Goer.looked) > 0)  # somebody else may drive the robot meanwhile
         until(held)
         switch.put(said(wire.HELD, data=False))
         until(body.stands)
