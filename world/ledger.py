@@ -1,5 +1,6 @@
 """What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -30,8 +31,8 @@ Fields = Mapping[str, Any]
 METRICS_S = 1.0
 """Simulated time between the rows of metrics.csv."""
 LEG_S = 0.2
-"""Time between the places along which paths are measured, or a tick where that is less: between them, a turning robot's
-way is taken for straight."""
+"""Longest time between the places along which paths are measured: between them, a turning robot's way is taken for
+straight."""
 
 
 class Allowance(NamedTuple):
@@ -180,7 +181,7 @@ class Ledger:
 
     def drive(self, way: Floats) -> None:
         """Account for the way (s, k, 3) that ends a tick. Raises UnwritableError where it cannot be kept."""
-        legs = max(1, round(self._period_s / LEG_S))
+        legs = math.ceil(self._period_s / LEG_S - 1e-9)
         moves = np.diff(interpolated(way, np.arange(legs + 1) / legs), axis=0)
         self.path_m += np.hypot(moves[..., 0], moves[..., 1]).sum(0)
         if self._recorder:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -135,7 +136,7 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     beacons, views, frames = (on_air(books, kind) for kind in (BEACON, VIEWS, FRAMES))
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
-    own = [[text for _, text in sorted(told[robot])] for robot in live]
+    own = [[text for _, text in sorted(told[robot], key=itemgetter(0))] for robot in live]
     charged = (pool.map if pool else map)(partial(_charged, config), live.values(), own)
     try:
         found = dict(zip(live, _watched(charged, len(live)) if pool else charged, strict=True))

@@ -152,9 +152,9 @@ def _resumed(context: Context, run: Path) -> RunConfig:
     from world.config import ServerConfig
 
     reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
-    unsaid: tuple[object, ...] = (None, [], ())
-    flags = (name for name, value in context.params.items() if value is not False and value not in unsaid)
-    given = [name for name in flags if name not in (*reach, *NEVER_KEPT)]  # 0 is a seed
+    unsaid: tuple[object, ...] = (None, [], ())  # False is one, too, but equals 0, a seed
+    named = (name for name, value in context.params.items() if value is not False and value not in unsaid)
+    given = [name for name in named if name not in (*reach, *NEVER_KEPT)]
     if given:
         option = next(one.opts[0] for one in context.command.params if one.name == given[0])
         raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {option}")

@@ -99,7 +99,7 @@ def _sources(file: Path) -> set[Path]:
     if file.suffix.lower() in (".yaml", ".yml"):
         about = read_document(file)
         image = about.get("image") if isinstance(about, dict) else None
-        if isinstance(image, str) and (file.parent / image).is_file():  # not every text is a path
+        if isinstance(image, str) and "\0" not in image:  # else it is no path
             found.add((file.parent / image).resolve())
     return found
 
@@ -115,7 +115,7 @@ def _starts(world: World, options: Options) -> Floats:
 
 def _openings(world: World, start: Floats, options: Options) -> list[str]:
     """What there is to tell of outer walls that do not close."""
-    advice = f"give --close more than {options.close_m:g}" if options.close_m else CLOSE
+    advice = f"--close {options.close_m:g} is too little" if options.close_m else CLOSE
     around = shapely.box(*world.solid.bounds)
     home = world.region_of(float(start[0]), float(start[1]), BODY_M)
     if home is None or not home.within(around):

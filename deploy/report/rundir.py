@@ -120,7 +120,7 @@ class Run:
     events: list[dict[str, Any]] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        until = f"{self.duration:g} scans" if self.of_logs else f"{self.duration:g} s"
+        until = f"up to scan {self.duration:g}" if self.of_logs else f"{self.duration:g} s"
         return f"Run({str(self.path)!r}: {len(self.robots)} robots, {until})"
 
     @property

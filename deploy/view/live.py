@@ -87,7 +87,7 @@ class _Live:
         self._tick = 0
         """The newest that the world told."""
         self._dead: set[str] = set()
-        self._told: Counter[str] = Counter()
+        self._told: Counter[tuple[str, str]] = Counter()
         """Bytes of each robot's events."""
         self._answered: dict[str, int] = {}
         """The last tick that each robot has answered: where the world says a tick again, so does a robot its answer."""
@@ -133,12 +133,15 @@ class _Live:
         if action.tick <= self._answered.get(robot, -1) or not self._may_say(robot, action.tick):
             return
         self._answered[robot] = action.tick
-        most = ALLOWED["events"].until(action.tick * self._period_s)
         for event in action.events:
-            size = len(event.model_dump_json())
-            if self._told[robot] + size <= most:
-                self._told[robot] += size
+            if self._has_room("events", robot, action.tick, len(event.model_dump_json())):
                 self._happened(action.tick, robot, event.event, event.data)
+
+    def _has_room(self, what: str, robot: str, tick: int, size: int) -> bool:
+        """Take so many bytes of a robot, or none where that is more than its run writes of it by then."""
+        taken = self._told[what, robot] + size <= ALLOWED[what].until(tick * self._period_s)
+        self._told[what, robot] += size * taken
+        return taken
 
     def _draw(self, what: str, robot: str, payload: bytes) -> None:
         if what == _WHEREABOUTS:
@@ -187,4 +190,7 @@ class _Live:
         event = all_printable(data) | {"tick": tick, "robot": robot, "event": name}
         self.recording.events([tick], [event])
         peer = event.get("peer")
-        self.recording.trust(tick, event, self._maps.get(peer) if isinstance(peer, str) else None)
+        tried = self._maps.get(peer) if isinstance(peer, str) and name == "proposed" else None
+        if tried is not None and not self._has_room("maps", robot, tick, tried.vertices.nbytes + tried.edges.nbytes):
+            tried = None  # a short event draws a long map
+        self.recording.trust(tick, event, tried)

@@ -171,7 +171,8 @@ class Radio:
         self._delay = delays(config.models, seed)
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
         ticks = max(1, round(1 / period_s))  # about a second
-        self._budget = Budget(min(limits) * (ticks * period_s) if limits else None, ticks)
+        seconds = round(ticks * period_s, 9)  # 49 of 1/49 s are less than one by rounding
+        self._budget = Budget(min(limits) * seconds if limits else None, ticks)
         self._flying: list[Flying] = []
         self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
         self._table_ticks = max(1, round(TABLE_S / period_s))

@@ -38,6 +38,9 @@ class Answer:
 class Answers:
     """The answers of all robots."""
 
+    _may_be_late = False
+    """Whether those of an earlier tick may come in this one."""
+
     def __init__(self, robots: Iterable[str]) -> None:
         self._answers = {robot: Answer() for robot in robots}
 
@@ -60,7 +63,7 @@ class Answers:
             case MapReport():
                 answer.map = message
             case Action():
-                answer.action, answer.late = message, len(answer.sends)
+                answer.action, answer.late = message, len(answer.sends) if self._may_be_late else 0
                 # in real time several actions may come in one tick
                 answer.events.extend(message.events)
                 answer.event_values += values_in(message.events)
@@ -143,6 +146,8 @@ class RealTimeAnswers(Answers):
 
     A robot without an action goes on with its last one for one tick, then stands still until it answers.
     """
+
+    _may_be_late = True
 
     def __init__(self, robots: Iterable[str], last: Mapping[str, Action]) -> None:
         """last: the last action of each robot that has answered, as the episode keeps them on."""

@@ -333,7 +333,7 @@ def test_a_closet_in_a_house_that_is_open_is_told(tmp_path: Path) -> None:
         imported(tmp_path / "open.geojson", Options(robots=30))
     assert len(imported(tmp_path / "open.geojson", Options(close_m=1, robots=3))[1]) == 3
     told = imported(tmp_path / "open.geojson", Options(close_m=0.5))[1]
-    assert told[1].endswith("are open; give --close more than 0.5")
+    assert told[1].endswith("are open; --close 0.5 is too little")
 
 
 BAD = {
@@ -357,6 +357,7 @@ BAD = {
     "n.yaml": "image: m.yaml\nresolution: .nan",
     "o.yaml": "image: [1]\nresolution: 1",
     "nul.yaml": 'image: "a\\0b.pgm"\nresolution: 0.05',
+    "long.yaml": f"image: {'a' * 300}\nresolution: 0.05",
     "p.dxf": "0\nSECTION\n2\n",
     "huge.dxf": DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
     "many.dxf": DXF.format(CIRCLE.format(9e4) * 7),

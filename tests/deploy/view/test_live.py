@@ -138,6 +138,17 @@ def test_robots_fill_a_view_no_more_than_the_run(tmp_path: Path) -> None:
     assert "world/maps/r1/own" not in told
 
 
+def test_a_short_event_draws_no_long_map_again_and_again(tmp_path: Path) -> None:
+    view, file = view_of("r1", file=tmp_path / "run.rrd"), tmp_path / "run.rrd"
+    corners, rows = np.random.default_rng(0).uniform(-9, 9, (20_000, 2)), np.arange(0, 20_000, 2)
+    whole = MapReport(tick=0, wireframe=encode_wireframe(certain(corners, np.column_stack([rows, rows + 1]))))
+    view._map("r1", whole)
+    tried = Event(event="proposed", data={"peer": "r1", "transform": [0.0, 0.0, 0.0]})
+    view._act("r1", Action(tick=1, speed_mps=0, turn_rps=0, events=[tried] * 100))
+    view.recording.close()
+    assert file.stat().st_size < 2 * ALLOWED["maps"].at_once
+
+
 def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "REACH_S", 0.1)
     invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))

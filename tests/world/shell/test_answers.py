@@ -7,7 +7,7 @@ from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, MAX_EVENT_VALUES, Action, Event, Send
 from protocol.talk import MAX_SENDS
-from world.shell.answers import MAX_SENT_BYTES, RealTimeAnswers
+from world.shell.answers import MAX_SENT_BYTES, LockstepAnswers, RealTimeAnswers
 
 
 def test_several_actions_of_a_tick_say_no_more_events_than_one_may() -> None:
@@ -41,5 +41,15 @@ def test_a_robot_that_sends_without_end_is_refused_also_after_an_action() -> Non
     said = encode(Send(tick=5, to=EVERYONE, kind="ack", payload=b""))
     for _ in range(MAX_SENDS):
         answers.hear("r1", keys.RADIO, said, 5)
+    with pytest.raises(ProtocolError, match="more than 256 messages in one tick"):
+        answers.hear("r1", keys.RADIO, said, 5)
+
+
+def test_in_lockstep_no_message_is_late() -> None:
+    answers = LockstepAnswers(["r1"])
+    said = encode(Send(tick=5, to=EVERYONE, kind="ack", payload=b""))
+    for _ in range(MAX_SENDS):
+        answers.hear("r1", keys.RADIO, said, 5)
+    answers.hear("r1", keys.ACT, encode(Action(tick=5, speed_mps=0.0, turn_rps=0.0, sent=MAX_SENDS)), 5)
     with pytest.raises(ProtocolError, match="more than 256 messages in one tick"):
         answers.hear("r1", keys.RADIO, said, 5)

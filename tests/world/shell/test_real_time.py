@@ -108,7 +108,7 @@ def test_a_robot_that_is_away_has_its_time_after_a_stall_of_the_world(tmp_path: 
     assert dead_at - left_at >= 0.5 / 0.01 - 1
     if sys.platform == "linux":  # elsewhere nothing is counted
         told = json.loads((tmp_path / "out" / "bandwidth.json").read_text())["wire"]["r2"]["to_robot"]
-        assert told["messages"] <= 2 * (left_at + 1)  # an observation a tick and what r1 says, and none after it
+        assert told["messages"] <= 1.2 * (left_at + 1) + 2  # an observation a tick and each fifth tick what r1 says
 
 
 def test_who_was_given_up_does_not_leave_as_well(tmp_path: Path) -> None:
