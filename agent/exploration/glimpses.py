@@ -74,8 +74,7 @@ class Glimpses:
         if places is self._kept:
             return
         self._kept = places
-        gone = sees_past(self._places, THING_M) & ~self._done  # what was looked at stays so, else it would be again
-        self._scans = np.maximum(self._scans - gone, 0)
+        self._scans = np.maximum(self._scans - sees_past(self._places, THING_M), 0)
         self._select((self._scans >= LEAST_SCANS) | (tick - self._last <= self._break))
         for place in places:
             away = np.hypot(*(self._places - place).T)
@@ -83,12 +82,18 @@ class Glimpses:
                 k = int(away.argmin())
                 self._scans[k] += tick > self._last[k]
                 self._last[k] = tick
-            elif np.count_nonzero(~self._done) < MOST and len(self._places) < REMEMBERED:
-                self._places, self._done = np.vstack((self._places, place)), np.append(self._done, False)
-                self._scans, self._last = np.append(self._scans, 1), np.append(self._last, tick)
+            elif np.count_nonzero(~self._done) < MOST:
+                self._add(place, 1, tick)
+
+    def _add(self, place: Floats, scans: int, tick: int) -> None:
+        """Keep one more place (2,), where there is room."""
+        if len(self._places) < REMEMBERED:
+            self._places, self._done = np.vstack((self._places, place)), np.append(self._done, False)
+            self._scans, self._last = np.append(self._scans, scans), np.append(self._last, tick)
 
     def _select(self, kept: Bools) -> None:
-        """Forget all others."""
+        """Forget all others, but for those that were looked at: they would be looked at again."""
+        kept = kept | self._done
         if not kept.all():
             self._places, self._scans = self._places[kept], self._scans[kept]
             self._last, self._done = self._last[kept], self._done[kept]
@@ -108,4 +113,6 @@ class Glimpses:
 
     def done(self, task: Task) -> None:
         """Its place was looked at, or could not be: it is not proposed again."""
+        if not (self._places == task.place).all(1).any():  # forgotten on the way, as scans saw past it
+            self._add(task.place, 0, 0)
         self._done |= (self._places == task.place).all(1)

@@ -109,7 +109,7 @@ class Goals:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""
         version, records = self._version, self._records(self._tried)
         again = [record.given_up and not record.unreachable and record.version != version for record in records]
-        return np.flatnonzero(np.array(again, np.bool_) & ~self._left)
+        return np.flatnonzero(np.array(again, np.bool_))
 
     def _given_up(self) -> Bools:
         """(g,) which open ends were looked at in vain, or given up."""

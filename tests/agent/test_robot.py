@@ -275,7 +275,7 @@ def test_who_takes_odometry_as_it_is_closes_no_loops() -> None:
 def test_a_place_before_a_wall_is_seen_past_as_far_as_ranges_err(noise_m: float, sees: bool) -> None:
     """All lidars were taken to err by 10 mm."""
     mind, here = Robot("r1", ideal_spec(lidar=ideal_lidar(noise_m=noise_m)), AgentConfig(), seed=3), observation(0)
-    scan, _ = mind._map_scan(here, set())
+    scan = mind._map_scan(here, set())
     situation = mind._situation(0, scan, scan.wireframe())
     assert situation.sees_past(np.array([(1.9, 0.0)]), 0.05).tolist() == [sees]
 

@@ -171,7 +171,8 @@ class Sensing:
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
         jumps_back = scan.end_s <= self._end_s
-        if jumps_back or not self._counts(scan.end_s, self._zero_s):
+        woke_late = self._zero_s < EPOCH_S and (scan.end_s - EPOCH_S) * self.spec.lidar.rate_hz > max(self._tick, 0)
+        if jumps_back or woke_late or not self._counts(scan.end_s, self._zero_s):
             self._odd += 1
             if self._odd < SET_ANEW:
                 return self.skip("scans whose time jumps back" if jumps_back else "scans of a time that cannot be")
