@@ -167,9 +167,9 @@ class Robot:
     def look(self, observation: Observation) -> None:
         """Take a tick in which the robot must stand, or somebody else drives it: it maps on, and plans nothing.
 
-        Nobody is heard meanwhile. Those that were in contact may still be there.
+        What others say meanwhile is thrown away, so any disc may be one of them: a stranger without a name is heard.
         """
-        self._map_scan(observation, set(self.exchange.contacts))
+        self._map_scan(observation, {""})
 
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
         """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""

@@ -12,6 +12,7 @@ from agent.config import AgentConfig
 from agent.mapping.submaps.segments import SEGMENT
 from agent.mapping.submaps.settled import Settled
 from agent.robot import Robot
+from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
@@ -34,9 +35,11 @@ SQUARE = Wireframe(
 )
 
 
-def observation(tick: int, heard: int = 0, seed: int = 0, pose: Pose = (0.0, 0.0, 0.0)) -> Observation:
+def observation(
+    tick: int, heard: int = 0, seed: int = 0, pose: Pose = (0.0, 0.0, 0.0), others: Floats | None = None
+) -> Observation:
     lidar = Lidar(ROOM, SPEC.lidar)
-    ranges = lidar.measured(lidar.cast(np.array([pose])), [np.random.default_rng([seed, tick])])[0]
+    ranges = lidar.measured(lidar.cast(np.array([pose]), others), [np.random.default_rng([seed, tick])])[0]
     return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=pose, heard=heard)
 
 
@@ -106,6 +109,19 @@ def test_a_robot_that_somebody_else_drives_maps_on_and_knows_its_place() -> None
     assert minds[1].filter.pose == minds[0].filter.pose == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
     assert (minds[1].filter.covariance == minds[0].filter.covariance).all()
     assert len(minds[1].wireframe.edges) == len(minds[0].wireframe.edges) > 0
+
+
+@pytest.mark.parametrize("other", ["merged", "met", "unheard"])
+def test_a_robot_that_must_stand_takes_no_other_one_for_a_post(other: str) -> None:
+    mind = robot()
+    if other == "merged":
+        mind.team.peers["r2"] = merged("r2", [], [])
+    for tick in range(200, 210):
+        mind.step(observation(tick), [] if other == "unheard" else [beacon(tick)])
+    for tick in range(210, 290):
+        mind.look(observation(tick, others=np.array([(1.0, 0.3, SPEC.radius_m)])))
+    assert len(mind.perception._posts.places) == 0
+    assert len(mind.filter.wireframe().edges) == 4
 
 
 def test_merged_maps_are_laid_at_once_over_a_map_that_was_torn(monkeypatch: pytest.MonkeyPatch) -> None:
