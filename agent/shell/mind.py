@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Mind(Protocol):
-    """A robot without clock or network, such as agent.robot.Robot."""
+    """A robot without clock or network, such as agent.robot.Robot. It may have OwnMind's `look`, too."""
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Take one tick: an observation and the messages heard with it."""
@@ -51,6 +51,9 @@ class OwnMind:
     def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
         """Take one tick: what was seen, and the messages heard. Returns speed (m/s) and turn rate (rad/s, left)."""
         raise NotImplementedError
+
+    def look(self, observation: Observation) -> None:
+        """Take a tick in which a ROS 2 robot must stand, or somebody else drives it: nothing, unless you write it."""
 
     def send(self, kind: str, payload: bytes, to: str = EVERYONE) -> None:
         """Give the radio a message in this tick, for one robot or whoever hears it; it may get lost.

@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 import wireswarm
+from agent.config import AgentConfig
 from agent.shell.mind import minds_of
 from deploy.launch.launcher import launch
 from deploy.revision import ROOT
 from deploy.sensing import IDEAL
 from protocol.errors import InputError
+from protocol.messages import Observation, RobotSpec
 from tests.tiny import digests, tiny_config
 
 FOLLOWER, GRID = "examples.wall_follower:WallFollower", "examples.grid_explorer:GridExplorer"
@@ -34,6 +36,13 @@ def test_examples_run_in_processes_and_in_one_with_the_same_bytes(tmp_path: Path
 def test_examples_explore_a_flat(mind: str, coverage: float) -> None:
     settings = {"max_time_s": 150, "mind": {"*": mind}, "spec": IDEAL}
     assert wireswarm.run("apartment", 2, settings=settings).summary["team"]["coverage"] > coverage
+
+
+def test_a_mind_of_ones_own_looks_at_nothing_while_it_must_stand_unless_that_is_written() -> None:
+    follower = minds_of({"*": FOLLOWER})("r1", RobotSpec(), AgentConfig(), 0)
+    before = dict(vars(follower))
+    follower.look(Observation(tick=0, ranges=b"", odometry=(0.0, 0.0, 0.0)))
+    assert vars(follower) == before
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "examples").glob("*.py")), ids=lambda file: file.name)
