@@ -303,14 +303,14 @@ class Ros2Shell:
         somebody else may drive, went straight to where it is then.
         """
         self._last = seen
-        if self._hindrance(time.monotonic()):
-            if look := getattr(self._mind, "look", None):
-                look(seen.observation)
-            return
         if self._mind is None or self._seen_area is None:
             spec, seed = self._sensing.spec, zlib.crc32(self._robot.encode())
             self._mind = self._make_mind(self._robot, spec, self._settings.agent, seed)
             self._seen_area = showing.SeenArea(spec.lidar.range_max_m)
+        if self._hindrance(time.monotonic()):
+            if look := getattr(self._mind, "look", None):
+                look(seen.observation)
+            return
         tick = seen.observation.tick
         step = self._mind.step(seen.observation, self._air.take(tick))
         self._drive(step.action.speed_mps, step.action.turn_rps)
