@@ -75,7 +75,7 @@ class Robot:
         self._own = Drawing()  # of own scans alone
         self._map = Drawing()  # the same with merged maps laid over it
         self._told_version = 0  # rises whenever what peers are told may have changed
-        self._map_bytes = encode_wireframe(self.wireframe)
+        self._map_bytes, self._shown_version = encode_wireframe(self.wireframe), self._map.version
         self._update = Period(in_ticks(UPDATE_S, spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
         self._to_look = 0  # ticks left of the first look
@@ -124,7 +124,7 @@ class Robot:
             self.team.hear(tick, news, pose, scan, self.own)
             self.team.judge(tick, self.own, pose)  # accept = judge(proposal), of the last tick's Z
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
-        changed = self._draw_map(tick, own_changed)
+        self._draw_map(tick, own_changed)
         explorer = self.explorer
         scene = explorer.look(self._situation(tick, scan, seen))
         if self._to_look > 0:
@@ -141,8 +141,9 @@ class Robot:
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
         sends = self._talk(tick, pose, scan)
+        changed = self._map.version != self._shown_version  # in this tick, or since the robot had to stand
         if changed:
-            self._map_bytes = encode_wireframe(self.wireframe)
+            self._map_bytes, self._shown_version = encode_wireframe(self.wireframe), self._map.version
         return Step(
             Action(
                 tick=tick,
@@ -170,6 +171,8 @@ class Robot:
         What others say meanwhile is thrown away, so any disc may be one of them: a stranger without a name is heard.
         """
         self._map_scan(observation, {""})
+        self.team.changed = False  # what changed in the last step is known to `_laying`
+        self._draw_map(observation.tick, self._own.update(self.filter.wireframe()))
 
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
         """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""
@@ -235,18 +238,17 @@ class Robot:
         loops = self.loops.submaps.nbytes if self.loops else 0
         return self.filter.nbytes + self.explorer.nbytes + loops
 
-    def _draw_map(self, tick: int, own_changed: bool) -> bool:
-        """Lay merged maps over the own one; whether the map has changed."""
+    def _draw_map(self, tick: int, own_changed: bool) -> None:
+        """Lay merged maps over the own one."""
         merged, new, merged_anew = self.team.merged, self.own, False
         if merged:
             rests = self.explorer.complete
             if not self._laying.take_due(tick, len(merged), own_changed, self.team.changed, rests):
-                return False
+                return
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
             merged_anew = self._laying.merged_anew
         changed = self._map.update(new)
         self._told_version += changed or merged_anew
-        return changed
 
     def _told_to(self) -> Callable[[str], Wireframe]:
         """What each peer is told: own walls, and those that other merged peers saw themselves.

@@ -111,6 +111,26 @@ def test_a_robot_that_somebody_else_drives_maps_on_and_knows_its_place() -> None
     assert len(minds[1].wireframe.edges) == len(minds[0].wireframe.edges) > 0
 
 
+def test_what_a_robot_maps_while_it_must_stand_is_on_its_map_and_shown_once_it_goes_on() -> None:
+    mind = robot()
+    for tick in range(10):
+        mind.look(observation(tick))
+    assert len(mind.wireframe.edges) == 4
+    assert [mind.step(observation(tick), []).map is not None for tick in (10, 11)] == [True, False]
+
+
+def test_maps_that_changed_just_before_a_robot_must_stand_are_laid_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    mind, laid = robot(), []
+    mind.team.peers["r2"] = merged("r2", [1.0], [])
+    mind.team.changed = True
+    monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_: laid.append(0) or Wireframe())
+    mind._draw_map(0, own_changed=False)
+    monkeypatch.setattr(mind._own, "update", lambda _: False)
+    for tick in range(1, 10):
+        mind.look(observation(tick))
+    assert len(laid) == 1
+
+
 @pytest.mark.parametrize("other", ["merged", "met", "unheard"])
 def test_a_robot_that_must_stand_takes_no_other_one_for_a_post(other: str) -> None:
     mind = robot()
