@@ -56,7 +56,7 @@ class PeerLog:
     map_is_news: bool = False
     """Whether this map was neither aligned nor merged yet."""
     map_is_old: bool = False
-    """Whether the peer was started anew since it told this map: its places in this contact are in another frame."""
+    """Whether the peer was started anew since it told this map: its places are in another frame."""
     views: PeerViews = field(default_factory=PeerViews)
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be."""
@@ -154,14 +154,15 @@ class PeerLog:
 
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
+        if since != self.met:
+            self.met, self.encounters = since, []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
-        if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
+        jump_m = math.dist(sighting.theirs[:2], self.pose[:2]) if self.pose_tick >= 0 else 0.0  # none from nowhere
+        if jump_m > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
             self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
             self.encounters, self.aligned_walls, self.growth, self.map_is_old = [], (0, 0), 0.0, True
-        if since != self.met:
-            self.met, self.encounters, self.map_is_old = since, [], False
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

@@ -25,7 +25,7 @@ HERE = (0.0, 0.0, 0.0)
 EMPTY = Wireframe()
 ROOM = enclosed([np.array([(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)])])
 BESIDE = (1.5, 5.5, 0.0)  # free in the maze of seed 0, as (1.5, 3.5) is
-LATER = 1000  # a tick, long after the last contact
+LATER = 2000  # a tick, long after the last contact: a peer can have driven 80 m
 
 
 def setting_out(theirs: Wireframe = EMPTY) -> tuple[Team, Proposed]:
@@ -100,17 +100,20 @@ def test_a_silent_peer_is_driven_to_once_and_not_sought_by_its_walls() -> None:
     assert team.errand is None and team.proposed == [proposed]
 
 
-def heard_by(beacons: dict[int, Pose], maps: Sequence[int] = (1,), since: int | None = None) -> list[tuple[int, str]]:
+def heard_by(
+    beacons: dict[int, Pose], maps: Sequence[int] = (1,), begun: Sequence[int] | None = None
+) -> list[tuple[int, str]]:
     """Ticks and reasons of what a team says of a peer whose map, like the own one, is whole when it comes.
 
-    beacons: where the peer says that it is, by tick. maps: ticks at which its map comes. since: when the contact began;
-    None: each tick begins one.
+    beacons: where the peer says that it is, by tick. maps: ticks at which its map comes. begun: those at which a
+    contact begins; None: all.
     """
     team, said = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0)), []
     own = maze(0)
-    for tick in range(1, 10):
+    for tick in sorted({*beacons, *maps}):
         beacon = Beacon(tick, beacons[tick]) if tick in beacons else None
-        news = News("r2", since or tick, beacon=beacon, map=ReceivedMap(own, tick) if tick in maps else None)
+        since = max(one for one in begun or [tick] if one <= tick)
+        news = News("r2", since, beacon=beacon, map=ReceivedMap(own, tick) if tick in maps else None)
         team.hear(tick, [news], (1.5, 3.5, 0.0), SCAN, own)
         team.align_maps(tick, own)
         said += [(tick, str(event.data["reason"])) for event in team.events]
@@ -125,12 +128,16 @@ def test_a_map_that_comes_before_the_first_beacon_is_aligned_with_it(first: int)
 
 def test_who_is_off_its_own_map_is_aligned_when_it_is_back_and_that_is_said_once() -> None:
     off = (50.0, 50.0, 0.0)
-    said = heard_by({1: off, 3: off, 6: BESIDE})
-    assert said == [(1, "its place is off its own map"), (6, "aligned")]
+    said = heard_by({1: off, 3: off, LATER: BESIDE})
+    assert said == [(1, "its place is off its own map"), (LATER, "aligned")]
 
 
-def test_who_is_started_anew_in_a_contact_is_aligned_once_its_map_is_of_the_new_frame() -> None:
-    """Places in both frames put some message out of the radio's range: no transform was possible in that contact."""
+@pytest.mark.parametrize("begun", [(1,), (1, 3), (1, 5)])
+def test_who_is_started_anew_is_aligned_once_its_map_is_of_the_new_frame(begun: Sequence[int]) -> None:
+    """Places in both frames put some message out of the radio's range: no transform was possible in that contact.
+
+    Its word that it has nothing begins another one, with its first beacon or soon after.
+    """
     there = (300.0, 300.0, 0.0)
-    said = heard_by({1: there, 3: BESIDE, 5: BESIDE}, maps=(1, 7), since=1)
+    said = heard_by({1: there, 3: BESIDE, 5: BESIDE}, maps=(1, 7), begun=begun)
     assert said == [(1, "its place is off its own map"), (7, "aligned")]
