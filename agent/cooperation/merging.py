@@ -123,6 +123,7 @@ def moved(peer: Merged, by: Pose) -> Merged:
     No fit would find that by itself: it is not believed where it moves a map by more than 0.2 m.
     by: the motion in the robot's own frame.
     """
+    peer.log.map_is_news |= peer.map is not peer.log.map  # the torn map may be why that was refused
     transform = np.array(compose(by, pose_of(peer.transform)))
     laid = _laid(peer.map, transform, peer.walls)
     return replace(peer, fit=peer.fit._replace(transform=transform), laid=laid, updated=LONG_AGO, watch=Watch())

@@ -74,6 +74,18 @@ def test_a_merged_peer_moves_with_the_submap_in_which_it_was_met_and_is_fitted_t
     assert team.merged[0].transform[:2] == pytest.approx(merged.transform[:2] + np.array((2.1, 1.05)), abs=0.01)
 
 
+def test_a_map_that_the_torn_one_contradicted_is_held_against_the_mended_one() -> None:
+    """A peer that is complete tells no other one."""
+    team, proposed = team_with(150)
+    team.merge(proposed, 150, MAP)
+    proposed.log.map = last = ReceivedMap(MAP, 160)
+    team.align_maps(200, replace(MAP, points=MAP.points @ np.array(((1.0, 0.0), (0.3, 1.0)))))
+    assert team.merged[0].refused == 1
+    team.mend(TORN)
+    team.align_maps(201, replace(MAP, points=MAP.points + np.array((2.0, 1.0))))
+    assert team.merged[0].map is last and team.merged[0].refused == 0
+
+
 def test_viewpoints_that_peers_know_already_are_told_again_where_they_are_now() -> None:
     team, proposed = team_with(150)
     team.merge(proposed, 150, MAP)
