@@ -65,12 +65,15 @@ def _agree(old: PeerViews, new: PeerViews) -> bool:
     return np.array_equal(one[:both], other[:both])
 
 
-def _to_use(views: PeerViews, before: _Usable | None) -> PeerViews:
-    """The newest list of a peer; where it tells the same anew, bit by bit, the older one until as much is there."""
+def _to_use(views: PeerViews, tick: int, before: _Usable | None) -> PeerViews:
+    """The newest list of a peer; where it tells the same anew, bit by bit, the older one until as much is usable.
+
+    tick: of the merged map.
+    """
     if before is None or before.views.editions == views.editions or not _agree(before.views, views):
         return views
     old, new = _own_of_both(before.views, views)
-    return before.views if len(new) < len(old) else views
+    return before.views if len(new) < len(old) or (views.need > tick).any() else views
 
 
 def _usable_of(peer: Merged, views: PeerViews, before: _Usable | None) -> _Usable:
@@ -132,7 +135,7 @@ class TeamViews:
     def gather(self, merged: Sequence[Merged]) -> None:
         """Take what these peers told, where the merged maps hold what was seen from there."""
         held, before_now = {peer.log.name: peer for peer in merged}, self._usable
-        told = {name: _to_use(peer.log.views, before_now.get(name)) for name, peer in held.items()}
+        told = {name: _to_use(peer.log.views, peer.map.tick, before_now.get(name)) for name, peer in held.items()}
         anew = [name for name, old in self._taken.items() if name not in told or told[name].editions != old.editions]
         untrue = {name for name in anew if name not in told or not _agree(before_now[name].views, told[name])}
         heard_is_lost = any(len(self._taken[name].places) for name in anew)

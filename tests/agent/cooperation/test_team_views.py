@@ -87,6 +87,17 @@ def test_who_tells_all_anew_is_believed_anew() -> None:
     assert sorted(views.places[:, 0].tolist()) == [11.0, 16.0]
 
 
+def test_what_is_told_anew_as_it_was_counts_all_the_while() -> None:
+    """The merged map lags, and then holds nothing of what is told with a newer one; it may do so for long."""
+    views = TeamViews()
+    views.gather([merged("b", [1.0, 2.0], [])])
+    for own in ([1.0], [1.0, 2.0, 3.0]):
+        views.gather([later := merged("b", own, [], need=6, editions=2)])
+        assert views.places[:, 0].tolist() == [11.0, 12.0]
+    views.gather([replace(later, map=later.map._replace(tick=6))])
+    assert views.places[:, 0].tolist() == [11.0, 12.0, 13.0] and views.withdrawn == 0
+
+
 def test_a_tick_s_viewpoints_fit_the_shortest_message() -> None:
     views = TeamViews()
     views.gather([merged("b", [0.5 * k for k in range(300)], [])])
