@@ -101,7 +101,7 @@ class PeerLog:
     thirds_map: ReceivedMap | None = None
     balanced: tuple[list[tuple[Floats, Floats]], int] | None = None
     """What thirds say against what it says itself, when that was last weighed, and the balance."""
-    thirds_tried: tuple[int, int] = (0, -1)
+    thirds_tried: tuple[int, int] | None = None
     """How many thirds agreed, and the peer's map, when their word was last held against the walls."""
     thirds_on_trial: int = 0
     """How many of them agreed on the last transform of theirs that was on trial: another one must have more."""
@@ -162,6 +162,7 @@ class PeerLog:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
             self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
+            self.thirds_on_trial, self.thirds_tried = 0, None
             self.encounters, self.aligned_walls, self.growth, self.map_is_old = [], (0, 0), 0.0, True
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:

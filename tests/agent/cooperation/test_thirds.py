@@ -166,6 +166,17 @@ def test_three_that_agree_suffice_without_a_drive_even_where_the_peer_has_seen_o
     assert team.errand is None
 
 
+def test_thirds_are_asked_anew_about_who_was_started_anew() -> None:
+    """As many of them had agreed on where its frame was before."""
+    team = team_of(dict.fromkeys("abc", PEER))
+    log = met(team).log
+    log.pose_tick, log.thirds_on_trial = 0, 3
+    news = News("p", 1, beacon=Beacon(1, (1.0, 0.0, 0.0)), map=log.map)
+    team.hear(1, [news], (4.0, 4.0, 0.0), SCAN, room())
+    team.align_maps(1, room())
+    assert [event.data["reason"] for event in team.events] == ["told by thirds"]
+
+
 def test_the_open_circle_s_weakest_link_goes_on_trial_again_and_then_the_next() -> None:
     team = team_of({"a": PEER})
     team.peers["p"] = merged("p", WRONG, agreed_m=3.0)
