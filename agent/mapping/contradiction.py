@@ -200,5 +200,4 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         doubt(edges[e])
     else:
         put_on_probation(edges[e])
-        edges[e].through = 0.0
     return count

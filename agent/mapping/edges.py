@@ -253,8 +253,7 @@ def part(edges: Records, e: int, side: int) -> None:
         slot = slot_before(edges[k], s) if hides else 0.0
         set_tip(edges[k], s, tip_at(edges[k], s) - (slot if s == 1 else -slot))
         set_end(edges[k], s, OCCLUSION if slot > 0.0 else FRONTIER, 0.0, 0.0)
-        edges[k].link[s] = -1
-        put_on_probation(edges[k])
+        edges[k].link[s], edges[k].probation = -1, 1
 
 
 @kernel
@@ -265,7 +264,7 @@ def put_on_probation(e: Record) -> None:
     """
     if e.probation == 0:
         e.misses = 0.0
-    e.probation = 1
+    e.probation, e.through = 1, 0.0
 
 
 @kernel
@@ -276,7 +275,7 @@ def doubt(e: Record) -> None:
     speaks against it. A true wall is soon hit again: the ends beside it draw the robot there.
     """
     put_on_probation(e)
-    e.seen, e.due, e.through = 0.0, 0.0, 0.0
+    e.seen, e.due = 0.0, 0.0
 
 
 @kernel

@@ -8,7 +8,7 @@ import pytest
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE, Sight
 from agent.mapping.bodies import NO_TEAMMATES, Bodies
 from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, _usurped, contradict
-from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL, doubt, is_published, length, remove, set_tip
+from agent.mapping.edges import EDGE, WALL, doubt, is_published, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
 from protocol.arrays import Records
 from protocol.messages import LidarSpec
@@ -94,17 +94,6 @@ def test_a_stump_that_is_cut_once_more_keeps_its_misses() -> None:
     wall["misses"] = DROP_AFTER - 1.0
     doubt(wall)
     assert wall["misses"] == DROP_AFTER - 1.0
-
-
-def test_a_confirmed_wall_whose_neighbour_goes_counts_its_misses_anew() -> None:
-    """It went with the next miss, of those that it had outweighed until then."""
-    edges = wall_ahead()[:2]
-    edges[1] = edges[0]
-    edges["link"] = ((-1, 1), (0, -1))
-    edges["seen"], edges["misses"], edges["through"] = CONFIRMATIONS, DROP_AFTER + 2.0, 1.0
-    remove(edges, 1)
-    assert (edges[0]["misses"], edges[0]["probation"]) == (0.0, 1)
-    assert edges[0]["through"] == 1.0  # what was seen through it has nothing to do with the neighbour
 
 
 @pytest.mark.parametrize(
