@@ -332,10 +332,10 @@ class Episode:
             self._checkpoint_tick = self.tick
 
     def _end(self) -> str | None:
-        until, complete = self.config.until, self.complete
+        until = self.config.until
         if not self.live:
             return "dead"
-        if until == "complete" and all(complete[robot] for robot in self.live):
+        if until == "complete" and all(self.actions[robot].complete for robot in self.live):
             return "complete"
         limit = self.config.max_time_s if until == "complete" else min(until, self.config.max_time_s)
         return "time" if self.t >= limit - 1e-6 else None

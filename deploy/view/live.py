@@ -88,7 +88,7 @@ class _Live:
         """The newest that the world told."""
         self._dead: set[str] = set()
         self._told: Counter[tuple[str, str]] = Counter()
-        """Bytes of each robot's events."""
+        """Bytes of each robot's events, and of maps that they had drawn."""
         self._answered: dict[str, int] = {}
         """The last tick that each robot has answered: where the world says a tick again, so does a robot its answer."""
         self._newest: dict[tuple[str, str], bytes] = {}
