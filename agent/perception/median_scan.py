@@ -46,12 +46,13 @@ class MedianScan:
 
     def median(self) -> Floats:
         """Ranges (beams,) as in a scan: of each beam what most scans have, not measured, nothing, or a range."""
-        scans, spec = np.array(self._scans, np.float64), self._lidar
-        measured, back = ~np.isnan(scans), np.isfinite(scans)
-        known = 2 * measured.sum(0) > len(scans)
-        told = known & (2 * back.sum(0) > measured.sum(0))
+        scans, spec = np.sort(self._scans, 0), self._lidar  # of each beam ranges, then inf, then NaN
+        measured, back = (~np.isnan(scans)).sum(0), np.isfinite(scans).sum(0)
+        known = 2 * measured > len(scans)
+        told = known & (2 * back > measured)
         out = np.where(known, np.inf, np.nan)
-        out[told] = np.nanmedian(np.where(back, scans, np.nan)[:, told], 0)
+        middle = np.array(((back[told] - 1) // 2, back[told] // 2))
+        out[told] = np.take_along_axis(scans[:, told], middle, 0).mean(0)
         cut = spec.range_max_m - CUT_SIGMAS * noise_at(spec, np.array(spec.range_max_m))
         out[np.isfinite(out) & (out > cut)] = np.nan
         return out
