@@ -12,7 +12,7 @@ export OMP_NUM_THREADS := 1
 # Written once, bytecode halves the time in which each process starts, whatever the machine has set.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help install run test fuzz check format lock compose
+.PHONY: help install run test system fuzz check format lock compose
 
 help: ## list the targets
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/make \1 \t\2/p' $(MAKEFILE_LIST) | expand -t 16
@@ -28,8 +28,11 @@ $(INSTALLED): requirements.lock pyproject.toml
 run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--seed 1")
 	$(BIN)/wireswarm run --world maze-15 --robots 3 $(ARGS)
 
-test: $(INSTALLED) ## run the tests (make test ARGS="-k report")
-	$(BIN)/python -m pytest -n 2 $(ARGS)
+test: $(INSTALLED) ## run the tests, but for those of `make system` (make test ARGS="-k report")
+	$(BIN)/python -m pytest -n 2 -m "not slow and not system" $(ARGS)
+
+system: $(INSTALLED) ## run the tests with processes, signals and whole runs of teams
+	$(BIN)/python -m pytest -n 2 -m "system and not slow" $(ARGS)
 
 fuzz: $(INSTALLED) ## fuzz every decoder and loader for SECONDS each (make fuzz SECONDS=10 ARGS="messages worlds")
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: \

@@ -99,7 +99,7 @@ def test_ci_ends_with_the_tests() -> None:
     script = ROOT / ".ci/run"
     assert script.stat().st_mode & 0o111
     steps = [line for line in script.read_text().splitlines() if line.startswith("make ")]
-    assert steps == ["make install", "make check", "make test"]
+    assert steps == ["make install", "make check", "make test", "make system"]
 
 
 def test_the_commands_of_the_readme_exist() -> None:

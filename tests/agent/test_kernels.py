@@ -12,6 +12,8 @@ import pytest
 
 from agent.kernels import kernel
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[2]
 
 CALLEE = '''

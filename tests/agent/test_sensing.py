@@ -6,6 +6,8 @@ import pytest
 from deploy.bench.explored import explore
 from deploy.metrics import corner_pairs
 
+pytestmark = pytest.mark.system
+
 HALF = {"field_of_view_deg": 180.0, "first_beam_deg": -90.0, "beams": 180}
 FAST = pytest.param({"rate_hz": 20.0}, marks=pytest.mark.slow)
 

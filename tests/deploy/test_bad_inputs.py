@@ -13,6 +13,8 @@ from protocol.session import open_router
 from tests.bad_inputs import Bad, all_cases
 from tests.tiny import ROOM
 
+pytestmark = pytest.mark.system
+
 CASES = all_cases()
 REPO = Path(__file__).parents[2]
 

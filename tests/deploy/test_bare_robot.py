@@ -22,6 +22,8 @@ from world.config import ServerConfig, WorldConfig
 from world.shell.server import serve
 from world.worldfile import load
 
+pytestmark = pytest.mark.system
+
 ROBOT = ROOT / "examples" / "bare_robot.py"
 
 

@@ -20,6 +20,8 @@ from tests.tiny import ROOM, tiny_config
 from tests.world.shell.test_roll_call import world
 from world.recorder import Recorder
 
+pytestmark = pytest.mark.system
+
 REPO = Path(__file__).parents[2]
 MOUNTS = subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode == 0
 

@@ -20,6 +20,8 @@ from tests.deploy.sweep.sweeps import RUNS, comparable, results, undisturbed, wr
 from tests.tiny import digests, tiny_config
 from world.checkpoint import CHECKPOINT_FILE
 
+pytestmark = pytest.mark.system
+
 REPO = Path(__file__).parents[2]
 ROBOTS = ["r1", "r2"]
 WAIT_S = 60.0

@@ -18,6 +18,8 @@ from protocol.errors import InputError
 from protocol.messages import Observation, RobotSpec
 from tests.tiny import digests, tiny_config
 
+pytestmark = pytest.mark.system
+
 FOLLOWER, GRID = "examples.wall_follower:WallFollower", "examples.grid_explorer:GridExplorer"
 
 

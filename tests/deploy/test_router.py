@@ -27,6 +27,8 @@ from tests.protocol.test_access import Ear, wait_for
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
 
+pytestmark = pytest.mark.system
+
 ROBOTS = ["r1", "r2", "r3"]
 
 

@@ -19,6 +19,8 @@ from protocol.errors import InputError
 from protocol.messages import Clock, Progress
 from tests.tiny import ROOM
 
+pytestmark = pytest.mark.system
+
 WIRESWARM = f"{sys.executable} -m wireswarm"
 
 

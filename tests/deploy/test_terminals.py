@@ -9,12 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from agent.config import AgentConfig
 from agent.shell.mind import MakeMind
 from agent.shell.process import run_agent
 from deploy.launch.launcher import launch
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Misbehaving, Wanderer
+
+pytestmark = pytest.mark.system
 
 REPO = Path(__file__).parents[2]
 Futures = list[Future[str]]

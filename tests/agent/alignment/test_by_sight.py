@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from agent.alignment.by_sight import Consensus, Sighting, apart_places, consensus, squared
 from agent.cooperation.peer import Merged
@@ -68,6 +69,7 @@ def test_walls_at_right_angles_put_the_turn_right_and_leave_the_middle_where_it_
     assert np.allclose(apply(better, about[None]), apply(TRUTH, about[None]))
 
 
+@pytest.mark.system
 def test_twins_of_rooms_are_no_obstacle_to_robots_that_see_each_other() -> None:
     """All rooms of this building are alike, and its maps stay ambiguous; seed 1 was never merged by maps alone."""
     events: list[tuple[str, dict[str, object]]] = []

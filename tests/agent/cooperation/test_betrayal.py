@@ -23,6 +23,8 @@ from protocol.messages import EVERYONE, Heard, Observation, Send
 from protocol.talk import Beacon, in_parts
 from protocol.wireframe import MAX_VERTICES, Wireframe
 
+pytestmark = pytest.mark.system
+
 LIMIT_S = 20.0
 PERIOD_TICKS = 25
 

@@ -14,6 +14,8 @@ from deploy.sensing import IDEAL, REAL
 from protocol.geometry import compose, relative
 from protocol.messages import Observation
 
+pytestmark = pytest.mark.system
+
 
 @pytest.mark.parametrize(
     ("world", "seed", "limit_s", "spec"),

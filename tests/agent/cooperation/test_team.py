@@ -15,6 +15,8 @@ from deploy.sensing import IDEAL
 from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Wireframe
 
+pytestmark = pytest.mark.system
+
 MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0, "spec": IDEAL}
 
 

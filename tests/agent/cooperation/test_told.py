@@ -10,6 +10,8 @@ from deploy.bench.explored import Explored, explore
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import Observation
 
+pytestmark = pytest.mark.system
+
 MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0}
 OFF = {"nothing": (0.0, 0.0, 0.0), "a metre": (1.0, 0.3, 0.0), "a half turn": (3.0, 1.0, 3.14159)}
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 ABSENT = ["deploy", "matplotlib", "psutil", "pymunk", "rich", "wireswarm", "world"]
 ALONE = f"""
 import runpy, sys

@@ -17,6 +17,8 @@ from protocol.session import open_client
 from tests.agent.shell.test_process import JOIN_S, World
 from tests.tiny import ROOM, tiny_config
 
+pytestmark = pytest.mark.system
+
 REPO = Path(__file__).parents[3]
 NOWHERE = {**os.environ, "PYTHONPATH": str(REPO), "NUMBA_CACHE_DIR": "/proc/nowhere"}  # empty, and nobody can write it
 

@@ -30,6 +30,8 @@ from tests.wanderer import Sleeper, Wanderer, endless
 from world.shell.inbox import WorldInbox
 from world.shell.server import serve
 
+pytestmark = pytest.mark.system
+
 JOIN_S = 20.0
 
 

@@ -1,6 +1,10 @@
 """Many robots as processes, in small: a whole team, with its figures."""
 
+import pytest
+
 from deploy.bench.many import measure
+
+pytestmark = pytest.mark.system
 
 
 def test_figures_of_robots_as_processes_are_those_of_one_process() -> None:

@@ -11,6 +11,8 @@ import pytest
 from deploy.launch import capacity
 from protocol.configuration import ConfigError
 
+pytestmark = pytest.mark.system
+
 
 def test_a_run_with_too_few_files_is_refused_with_a_sentence(tmp_path: Path) -> None:
     def limit() -> None:

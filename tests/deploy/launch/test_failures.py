@@ -24,6 +24,8 @@ from tests.disturbed import BUSY
 from tests.tiny import ROOM, digests, tiny_config
 from tests.wanderer import Wanderer, endless
 
+pytestmark = pytest.mark.system
+
 REPO = Path(__file__).parents[3]
 
 

@@ -4,8 +4,12 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from deploy.launch.forks import LAUNCHER
 from tests.disturbed import REPO
+
+pytestmark = pytest.mark.system
 
 FORKED = """
 import sys

@@ -27,6 +27,8 @@ from world.episode import Episode
 from world.shell.server import Shell
 from world.tick import Outputs
 
+pytestmark = pytest.mark.system
+
 
 def die(*_: object, **__: object) -> NoReturn:
     os.kill(os.getpid(), signal.SIGKILL)

@@ -34,6 +34,8 @@ from tests.wanderer import Wanderer
 from world.episode import Episode
 from world.tick import Outputs
 
+pytestmark = pytest.mark.system
+
 
 @pytest.mark.parametrize("mind", [Wanderer, None], ids=["a mind that begins anew", "the robot, from its checkpoint"])
 def test_a_fault_schedule_gives_the_same_bytes_in_processes_and_in_one(tmp_path: Path, mind: type | None) -> None:

@@ -22,6 +22,8 @@ from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
 from world.worldfile import load
 
+pytestmark = pytest.mark.system
+
 REPO = Path(__file__).parents[3]
 WORLD = """
 import sys

@@ -16,6 +16,8 @@ import pytest
 from tests.disturbed import AS_TERMINAL, BEGUN_S, BUSY, REPO, Command, handles
 from tests.tiny import ROOM
 
+pytestmark = pytest.mark.system
+
 ENDED_S = 5.0 * BUSY
 
 

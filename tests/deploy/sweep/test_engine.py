@@ -44,6 +44,7 @@ from tests.deploy.sweep.sweeps import (
 )
 
 
+@pytest.mark.system
 def test_a_killed_worker_loses_nothing_and_a_second_start_runs_nothing(tmp_path: Path) -> None:
     file, out = write_sweep(tmp_path), tmp_path / "out"
     with started(*SWEEP, file, "--out", out, "--workers", 2) as client:
@@ -233,6 +234,7 @@ def test_a_scheduler_that_stays_away_is_not_waited_for_longer(monkeypatch: pytes
         run_all([WorkerTask("a", {}, os.getpid, ())], "", None, print, print)
 
 
+@pytest.mark.system
 def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

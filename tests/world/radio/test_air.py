@@ -247,6 +247,7 @@ def test_the_configuration_says_itself_in_a_line() -> None:
     assert "range 4 m, line of sight, log distance" in text and "capacity 250 B/s" in text and "\n" not in text
 
 
+@pytest.mark.system
 def test_no_delivery_beyond_the_range_over_50_runs(tmp_path: Path) -> None:
     """Read from trajectories and radio.csv alone: shares no code with the gate."""
     from deploy import inprocess

@@ -24,6 +24,8 @@ from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
 from world.shell.inbox import WorldInbox
 
+pytestmark = pytest.mark.system
+
 STALL_S = 1.5
 
 

@@ -26,6 +26,8 @@ from world.config import WorldConfig
 from world.shell.inbox import WorldInbox
 from world.shell.server import serve
 
+pytestmark = pytest.mark.system
+
 
 @contextmanager
 def world(config: RunConfig, out: Path, counted: list[int], **more: object) -> Iterator[tuple[str, Future[str]]]:

@@ -25,6 +25,8 @@ from protocol.wireframe import certain
 from tests.agent.shell.ros2.bodies import PATIENCE_S, WHEELS, Agent, Body, heard, until
 from tests.agent.shell.ros2.messages import said
 
+pytestmark = pytest.mark.system
+
 SQUARE = certain(np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]), np.array([(0, 1), (1, 2), (2, 3)]))
 POSE: Pose = (0.3, 0.2, 0.1)
 
