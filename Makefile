@@ -31,7 +31,7 @@ run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--s
 test: $(INSTALLED) ## run the tests, but for those of `make system` (make test ARGS="-k report")
 	$(BIN)/python -m pytest -n 2 -m "not slow and not system" $(ARGS)
 
-system: $(INSTALLED) ## run the tests with processes, signals and whole runs of teams
+system: $(INSTALLED) ## run the tests with processes, signals, whole runs and logs
 	$(BIN)/python -m pytest -n 2 -m "system and not slow" $(ARGS)
 
 fuzz: $(INSTALLED) ## fuzz every decoder and loader for SECONDS each (make fuzz SECONDS=10 ARGS="messages worlds")

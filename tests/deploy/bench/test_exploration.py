@@ -23,6 +23,8 @@ from protocol.messages import RobotSpec
 from world.config import WorldConfig
 from world.worldfile import from_document
 
+pytestmark = pytest.mark.system
+
 
 def room(width: float, height: float, *walls: list[float]) -> dict[str, Any]:
     x, y = width / 2, height / 2

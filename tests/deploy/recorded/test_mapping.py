@@ -32,6 +32,8 @@ from protocol.arrays import Floats
 from protocol.errors import InputError, ProtocolError
 from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
 
+pytestmark = pytest.mark.system
+
 LOGS = Path("/work/shared/logs")
 SCORER = Path("/work/shared/score/score_log.py")
 

@@ -41,6 +41,8 @@ from tests.tiny import digests, tiny_config
 from world.checkpoint import Checkpoint
 from world.ledger import ALLOWED
 
+pytestmark = pytest.mark.system
+
 LIMIT_S = 60
 
 
