@@ -2,17 +2,17 @@
 
 from typing import Annotated
 
-from pydantic import StringConstraints
-
 from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
 from agent.cooperation.config import CooperationConfig
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.mapping.config import FilterConfig
 from agent.perception.config import PerceptionConfig
-from protocol.settings import Config, NotNegative, Positive
+from protocol.settings import Config, NotNegative, Positive, shaped
 
-MindName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$")]
+MindName = Annotated[
+    str, shaped(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*", "MODULE:CLASS, such as my_robot:Mapper")
+]
 
 
 class JoinConfig(Config):

@@ -1,8 +1,9 @@
 """The base of all settings, their types, and the largest number."""
 
+import re
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
 
 class Config(BaseModel):
@@ -29,3 +30,14 @@ Positive = Annotated[float, Field(ge=1e-3, le=MAX_NUMBER, allow_inf_nan=False)]
 """At least a thousandth: a smaller time or length makes endless work, and its inverse overflows."""
 NotNegative = Annotated[float, Field(ge=0, le=MAX_NUMBER, allow_inf_nan=False)]
 Chance = Annotated[float, Field(ge=0, le=1)]
+
+
+def shaped(pattern: str, form: str) -> AfterValidator:
+    """That a text is as a pattern has it, all of it; else an error names the form, for people, with an example."""
+
+    def check(text: str) -> str:
+        if re.fullmatch(pattern, text) is None:
+            raise ValueError(form)
+        return text
+
+    return AfterValidator(check)

@@ -2,13 +2,13 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from protocol.messages import MAX_ROBOTS, MTU_BYTES, RobotSpec
-from protocol.settings import Config, Positive, is_to_come
+from protocol.settings import Config, Positive, is_to_come, shaped
 from world.radio.config import RadioConfig
 
-FaultText = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}@[1-9][0-9]{0,8}$")]
+FaultText = Annotated[str, shaped(r"[a-z][a-z0-9_-]{0,15}@[1-9][0-9]{0,8}", "ROBOT@TICK, such as r2@100")]
 
 
 class WorldConfig(Config):

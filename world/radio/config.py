@@ -7,16 +7,16 @@ radio.csv, which docs/formats.md lists.
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from protocol.codec import MAX_MESSAGE_BYTES
 from protocol.messages import MTU_BYTES, RobotId
-from protocol.settings import Chance, Config, NotNegative, Positive
+from protocol.settings import Chance, Config, NotNegative, Positive, shaped
 
 MAX_MTU_BYTES = MAX_MESSAGE_BYTES - 256
 """What is heard comes with its sender, in a message of the world that may be no longer than others (ours)."""
 
-LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}$")]
+LinkName = Annotated[str, shaped(r"[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}", "SENDER>RECEIVER, such as r1>r2")]
 
 
 class LineOfSight(Config):

@@ -3,16 +3,16 @@
 import re
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from agent.config import ProcessConfig
 from protocol.messages import RobotSpec
-from protocol.settings import Config, Positive
+from protocol.settings import Config, Positive, shaped
 
 NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 MAX_NAMESPACE = 100  # characters (ours)
-Topic = Annotated[str, StringConstraints(pattern=rf"^/?{NAME}(/{NAME})*$", max_length=200)]
-Frame = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_./-]{1,100}$")]
+Topic = Annotated[str, Field(max_length=200), shaped(rf"/?{NAME}(/{NAME})*", "a topic, such as scan or /r1/scan")]
+Frame = Annotated[str, shaped(r"[A-Za-z0-9_./-]{1,100}", "a name of 1 to 100 of A-Z a-z 0-9 _ . / -, such as r1/map")]
 
 
 def is_namespace(name: str) -> bool:
