@@ -56,12 +56,13 @@ EDGE = np.dtype(
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
         ("strain", "f4", (2,)),  # means of how far pieces lie beside its line, and are turned, in deviations (`strain`)
         ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
+        ("tip_sd", "f8", (2,)),  # m, standard deviation of the ends along the wall as seen from the robot; 0: not known
         ("twin", "i8"),  # of what a scan has cut off another wall, or joined into it: that one's number and 1
     ],
     align=True,
 )
 """One wall. An aligned record, so that numba reads its fields like attributes."""
-EDGE_BYTES = EDGE.itemsize - sum(EDGE[name].itemsize for name in ("relative", "held", "twin"))
+EDGE_BYTES = EDGE.itemsize - sum(EDGE[name].itemsize for name in ("relative", "held", "tip_sd", "twin"))
 """Bytes that a wall needs between scans; what is left out is worked out anew in each."""
 
 

@@ -58,13 +58,14 @@ def has_rows(joint: Floats) -> int:
 
 @kernel
 def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
-    """Write into each wall of edges (n,) how well its line is known from where the robot is, and which ends are known.
+    """Write into each wall of edges (n,) how well its line is known from where the robot is, and its ends along it.
 
     joint: (m, m). pose: map frame.
     """
     rows = has_rows(joint)
     for e in range(count):
         edges[e].held[:] = 0
+        edges[e].tip_sd[:] = 0.0
         if e >= rows or joint[row_of(e), row_of(e)] == 0.0:
             edges[e].relative[:] = 0.0  # what was cut off a wall in the last scan has its numbers still
         elif edges[e].kind != FREE:
@@ -72,6 +73,7 @@ def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
             for side in range(2):
                 end = row_of(e) + 2 + side
                 edges[e].held[side] = 1 if joint[end, end] > 0.0 and is_landmark(edges[e], side) else 0
+                edges[e].tip_sd[side] = _tip_sd(edges, e, side, joint, pose)
 
 
 @kernel
@@ -89,6 +91,28 @@ def _relate(wall: Record, row: int, joint: Floats, pose: Pose) -> None:
             wall.relative[1] += same[i] * v * grows[j]
             wall.relative[2] += grows[i] * v * grows[j]
     wall.relative[0] = max(wall.relative[0], 1e-12)
+
+
+@kernel
+def _tip_sd(edges: Records, e: int, side: int, joint: Floats, pose: Pose) -> float:
+    """Standard deviation of an end along its wall as seen from the robot, m; 0 where it is not known."""
+    w, row, f = edges[e], row_of(e), edges[e].link[side]
+    tip = tip_at(w, side)
+    x, y = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
+    rows, slopes = np.array((0, 1, 2, row + 2 + side, 0, 0, 0)), np.zeros(7)
+    slopes[0], slopes[1], slopes[2] = w.ux, w.uy, w.uy * x - w.ux * y
+    if 0 <= f < has_rows(joint) and joint[row_of(f), row_of(f)] > 0.0:
+        rows[3], rows[4], rows[5], rows[6] = row, row + 1, row_of(f), row_of(f) + 1
+        slopes[3:] = corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
+    elif w.held[side] == 1:
+        slopes[3] = -1.0
+    else:
+        return 0.0
+    variance = 0.0
+    for i in range(7):
+        for j in range(7):
+            variance += slopes[i] * joint[rows[i], rows[j]] * slopes[j]
+    return math.sqrt(max(variance, 0.0))
 
 
 @kernel

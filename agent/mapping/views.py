@@ -139,13 +139,26 @@ def samples_along(wall: Record, step: float) -> Samples:
 def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     """What the scan saw at coordinate t of a wall, the piece met, and whether the robot is on the free side.
 
-    UNSEEN also where the ray is so flat that it may have passed beside the wall.
+    UNSEEN also where the ray may have passed beside the wall: where it is flat, and near an end that the robot knows
+    no better from where it is.
     """
     x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
     saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if related(wall) else 0.0)
     side = above(wall, view.pose[0], view.pose[1])
     flat = GRAZING * math.hypot(x - view.pose[0], y - view.pose[1])
-    return UNSEEN if abs(side) < flat else saw, piece, side > flat
+    return UNSEEN if abs(side) < flat or _may_end_before(wall, t) else saw, piece, side > flat
+
+
+@kernel
+def _may_end_before(wall: Record, t: float) -> bool:
+    """Whether a wall may not reach coordinate t, as the robot knows it from where it is; of an end that it does not
+    know, it knows no more than of the other one.
+    """
+    if not related(wall):
+        return False
+    tail, head = wall.tip_sd[0], wall.tip_sd[1]
+    tail, head = tail if tail > 0.0 else head, head if head > 0.0 else tail
+    return bool(t - tip_at(wall, 0) < NOISE_SIGMAS * tail or tip_at(wall, 1) - t < NOISE_SIGMAS * head)
 
 
 @kernel

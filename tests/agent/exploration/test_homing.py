@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.exploration.agenda import Task
-from agent.exploration.homing import EXACT_MAP_M, HELPS, LAPS_M, MOST_LEFT, STOPS, SURE_MAP_M, Homing
+from agent.exploration.homing import EXACT_MAP_M, LAPS_M, MOST_LEFT, STOPS, SURE_MAP_M, Homing
 from agent.exploration.planning import Roads
 from tests.agent.exploration.test_planning import chain
 
@@ -28,12 +28,12 @@ def driven(sds, room=OPEN, most=100, clearances=(0.25, 0.2)):
 @pytest.mark.parametrize(("sds", "laps"), [
     ([0.9 * EXACT_MAP_M], None),
     ([0.03, 0.9 * SURE_MAP_M], 0),
-    ([0.03], 1),
     ([0.03, 0.025, 0.9 * SURE_MAP_M], 1),
-    ([0.03, 0.025, 0.025 * HELPS * 0.9, 0.9 * SURE_MAP_M], 2),
-    ([0.9**k for k in range(20)], len(LAPS_M)),
+    ([0.03, 0.03, 0.03, 0.9 * SURE_MAP_M], 2),
+    ([0.03], len(LAPS_M)),
 ])  # fmt: skip
-def test_laps_go_on_while_they_help(sds, laps):
+def test_laps_go_on_until_the_map_is_known(sds, laps):
+    """A lap that tells nothing is followed by one that passes elsewhere: one of three robots in `hall` had stopped."""
     _, _, tasks = driven(sds)
     assert [task.kind for task in tasks] == ([] if laps is None else ["home"] + ["lap"] * laps * (STOPS + 1))
     ends = tasks[:: STOPS + 1]
@@ -45,7 +45,7 @@ def test_laps_go_on_while_they_help(sds, laps):
 def test_a_lap_keeps_to_where_there_is_a_way():
     corridor = chain([(-9, -0.5), (9, -0.5), (9, 1.2), (-9, 1.2), (-9, -0.5)])
     _, _, tasks = driven([0.03], corridor)
-    assert 2 < len(tasks) <= 2 + STOPS
+    assert 2 < len(tasks) <= 1 + len(LAPS_M) * (1 + STOPS)
     assert all(-0.3 <= task.stand[1] <= 1.0 for task in tasks)
     assert np.allclose(tasks[-1].stand, 0.0, atol=0.05)
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from agent.corner_scan import OCCLUSION
 from agent.mapping.edges import EDGE, TENTATIVE, WALL, cut_out, line_sd, related
-from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, relate, row_of
+from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, place_end, relate, row_of
 from agent.mapping.kalman import observe
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
@@ -50,6 +51,23 @@ def test_a_wall_is_known_better_from_where_it_was_seen_than_in_the_map() -> None
     elsewhere[:3], elsewhere[:, :3] = 0.0, 0.0  # a robot that knows where it is, but not where that wall is
     relate(edges, 2, elsewhere, POSE)
     assert line_sd(edges[0], 0.0, NOISE) > 0.1
+
+
+def test_an_end_is_known_along_its_wall_from_where_it_was_seen() -> None:
+    """A corner as the wall is that it shares with another, an end of one wall by its own row, others not at all."""
+    edges, joint = mapped()
+    edges["link"][0, 0], edges["link"][1, 1] = 1, 0
+    edges["label"][0, 1], edges["strength"][0, 1] = OCCLUSION, 9.0
+    end, along_it = row_of(0) + 3, np.array((edges["ux"][0], edges["uy"][0], 0.0))
+    x, y = edges["tip"][0, 1] - POSE[:2]
+    along_it[2] = along_it[1] * x - along_it[0] * y
+    place_end(joint, end, np.array((0, 1, 2)), along_it, 0.02**2)
+    relate(edges, 2, joint, POSE)
+    assert edges["tip_sd"][0] == pytest.approx((line_sd(edges[1], 2.0, NOISE), 0.02), rel=0.05)
+    assert edges["tip_sd"][1] == pytest.approx((0.0, line_sd(edges[0], -2.0, NOISE)), rel=0.05)
+    joint[:3], joint[:, :3] = 0.0, 0.0  # elsewhere
+    relate(edges, 2, joint, POSE)
+    assert (edges["tip_sd"][0] > 0.1).all()
 
 
 @pytest.mark.parametrize("spare", [0, 8])
