@@ -19,7 +19,12 @@ def of_robot(robot: str | None, secrets: Path | None, certs: Path | None) -> Cre
         if not robots:
             raise InputError(f"--certs {certs}: it has no key of a robot, such as r1.key")
         return Certificates(certs, robots)
-    return None if secrets is None else read_secrets(secrets, None if robot is None else [robot])
+    if secrets is None:
+        return None
+    known = read_secrets(secrets, None if robot is None else [robot])
+    if not known.robots:
+        raise InputError(f"--secrets {secrets}: it has no line of a robot, such as r1:SECRET")
+    return known
 
 
 def of_viewer(secrets: Path | None, certs: Path | None) -> Credentials | None:

@@ -19,6 +19,7 @@ from protocol import keys, session
 from protocol.access import VIEWER, Credentials
 from protocol.certificates import Certificates
 from protocol.codec import encode
+from protocol.credentials import of_robot
 from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from protocol.messages import Action
@@ -233,6 +234,13 @@ def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
     with pytest.raises(UnwritableError, match=r"cannot write .*: No such file"):
         write_secrets(tmp_path / "none/secrets", secrets)
     assert new_secrets(["r1"])["r1"] != secrets["r1"]
+
+
+def test_a_file_of_secrets_without_a_robots_is_refused_at_once(tmp_path: Path) -> None:
+    """The agent looked for a world with none of its names, and ended in a traceback."""
+    write_secrets(file := tmp_path / "secrets", new_secrets([]))
+    with pytest.raises(InputError, match="it has no line of a robot, such as r1:SECRET"):
+        of_robot(None, file, None)
 
 
 def test_a_router_that_is_killed_as_it_opens_leaves_no_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
