@@ -152,8 +152,11 @@ class Shell:
             self._answers = RealTimeAnswers(episode.robots, episode.actions)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
-        self._away: dict[str, int] = {}
-        """Robots that were here and whose link is lost, and how many ticks of real time they were waited for since."""
+        self._away: set[str] = set()
+        """Robots that were here and whose link is lost."""
+        self._silent: Counter[str] = Counter()
+        """How often each robot was waited for in vain since it was heard, or its link came or went: in lockstep for
+        SAY_AGAIN_S of this tick, in real time for a tick."""
         self._newcomers: dict[str, str] = {}
         """Robots whose process came in this tick, `joined` or `rejoined`."""
         self._losers: set[str] = set()
@@ -224,7 +227,7 @@ class Shell:
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
         self._wire.follow(self._ports())
         self._began = time.monotonic()
-        self._away = dict.fromkeys(self._still_away, 0)
+        self._away = set(self._still_away)
         if not self._lockstep and self.episode.ended is None:
             # in a run that goes on, all links were lost with its world, also of those that are back
             for robot in (robot for robot in self.episode.live if robot in self._here):
@@ -286,7 +289,7 @@ class Shell:
                 self._wait_for_all()
             else:
                 self._wait_for_clock()
-                self._give_up_silent()
+                self._count_silent()
                 self._count_late()
             self._losers.clear()
             self._asked.clear()
@@ -338,44 +341,61 @@ class Shell:
         That is told once a tick, as a robot may take its token away and give it back as often as it likes.
         """
         self.episode.links_lost += 1
-        self._away[robot] = 0
+        self._away.add(robot)
+        self._silent.pop(robot, None)
         if robot in self._losers:
+            if not self._lockstep:  # it has `left` in this tick, and has not come back
+                self._newcomers.pop(robot, None)
             return
         self._losers.add(robot)
         if not self._lockstep:
+            self._note_newcomer(robot)
             self.episode.happened(robot, "left", LOST)
         self.tell()
 
     def _welcome_back(self, robot: str) -> None:
-        """A robot that was away, or is late, may be ready now."""
+        """A robot that was away, or is late, may be ready now; its silence counts from here."""
+        self._silent.pop(robot, None)
         if self._began is None or not self._participants.is_ready(robot):
             return
         self._wire.follow(self._ports())
         if robot not in self._here:
             self._arrive(robot)
             self._newcomers[robot] = "joined"
-        elif self._away.pop(robot, None) is not None and not self._lockstep:
-            self._newcomers[robot] = "rejoined"
+        elif robot in self._away:
+            self._away.remove(robot)
+            if not self._lockstep:
+                self._newcomers[robot] = "rejoined"
         self._say_again(robot)
 
     def _note_newcomers(self) -> None:
         """Log who came in this tick. In lockstep a process that was away and is the same one has missed nothing."""
         for robot in self.episode.live:
-            event = self._newcomers.get(robot)
-            if event is None:
-                continue
-            replaced = self._arrive(robot)  # one that joined has arrived
-            if event == "rejoined" and self._lockstep:
-                self.episode.came_back(robot)
-            else:
-                self.episode.happened(robot, event, REPLACED if replaced else "its process is ready")
+            self._note_newcomer(robot)
         self._newcomers.clear()
 
-    def _give_up_silent(self) -> None:
-        for robot in list(self._away):
-            self._away[robot] += 1
-            if self._away[robot] * self._tick_s >= self.config.silence_s:
-                self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
+    def _note_newcomer(self, robot: str) -> None:
+        event = self._newcomers.pop(robot, None)
+        if event is None:
+            return
+        replaced = self._arrive(robot)  # one that joined has arrived
+        if event == "rejoined" and self._lockstep:
+            self.episode.came_back(robot)
+        else:
+            self.episode.happened(robot, event, REPLACED if replaced else "its process is ready")
+
+    def _count_silent(self) -> None:
+        """Count the ticks in real time for which robots said nothing, with their link or without."""
+        for robot in self.episode.live:
+            if robot in self._here and not self._gave_up(robot, self._tick_s):
+                self._silent[robot] += 1
+
+    def _gave_up(self, robot: str, wait_s: float) -> bool:
+        """Whether a robot has said nothing for silence_s, in waits of wait_s, and is given up for it."""
+        if silent := self._silent[robot] * wait_s >= self.config.silence_s:
+            why = f"{LOST}, and it did not come back within" if robot in self._away else "it said nothing for"
+            self._kill(robot, f"{why} {self.config.silence_s:g} s")
+        return silent
 
     def _count_late(self) -> None:
         """Count the robots that had this tick in real time and have not answered it.
@@ -422,20 +442,17 @@ class Shell:
 
         Waits are counted, not hours: a freeze of this process or of the machine is nobody's silence.
         """
-        waits = 0
+        self._silent.clear()
         end = time.monotonic() + SAY_AGAIN_S
         tick = self.episode.tick
         while due := self._answers.due((robot for robot in self.episode.live if robot in self._here), tick):
             if time.monotonic() < end and self._take(end):
                 continue
-            waits, end = waits + 1, time.monotonic() + SAY_AGAIN_S
+            end = time.monotonic() + SAY_AGAIN_S
             self._asked.clear()
+            self._silent.update(due)
             for robot in due:
-                if waits * SAY_AGAIN_S >= self.config.silence_s:
-                    self._kill(
-                        robot, f"{LOST if robot in self._away else 'it'} said nothing for {self.config.silence_s:g} s"
-                    )
-                else:
+                if not self._gave_up(robot, SAY_AGAIN_S):
                     self._say_again(robot)
             self._expel()
             self.tell()
@@ -506,6 +523,8 @@ class Shell:
         if not self._participants.is_ready(robot):
             return
         self._wire.heard(robot, payload)
+        if not self._lockstep:  # where the world waits, only the answer that it waits for counts
+            self._silent.pop(robot, None)
         try:
             if self._answers.hear(robot, channel, payload, self.episode.tick):
                 self._say_again(robot)
@@ -518,7 +537,7 @@ class Shell:
             self._kill(robot, reason)
 
     def _kill(self, robot: str, reason: str) -> None:
-        self._away.pop(robot, None)
+        self._away.discard(robot)
         self._say(robot, keys.END, encode(End(reason=clipped(f"given up by the world: {reason}"))))
         self.episode.kill(robot, reason)
 

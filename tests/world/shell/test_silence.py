@@ -1,0 +1,109 @@
+"""Who says nothing for long is given up: for its own silence, and by a clock that the test turns."""
+
+from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+
+from protocol import keys
+from protocol.codec import encode
+from protocol.inbox import Arrival
+from protocol.messages import PROTOCOL_VERSION, Action, Join
+from protocol.session import open_router
+from tests.agent.shell.test_process import events
+from tests.tiny import tiny_config
+from world.config import ServerConfig
+from world.episode import Episode
+from world.shell import server
+from world.shell.inbox import WorldInbox
+
+TICK_S = 0.2
+Timed = tuple[float, Arrival]
+
+
+class Script(WorldInbox):
+    """What arrives when, and the clock, which goes on while the world waits."""
+
+    def __init__(self, arrivals: list[Timed]) -> None:
+        super().__init__()
+        self.left, self.now = arrivals, 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def take(self, deadline: float) -> Arrival | None:
+        due = bool(self.left) and self.left[0][0] <= deadline
+        self.now = max(self.now, self.left[0][0] if due else deadline)
+        return self.left.pop(0)[1] if due else None
+
+
+def joins(at: float, robot: str, process: str) -> list[Timed]:
+    """Another process of a robot is let in, and is ready a moment later."""
+    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=process, process=process))
+    asks = Arrival(keys.JOIN, robot, question, MagicMock(key_expr=keys.service(robot, keys.JOIN)))
+    return [(at, asks), (at, Arrival(WorldInbox.ALIVE, robot))]
+
+
+def goes(at: float, robot: str) -> list[Timed]:
+    return [(at, Arrival(WorldInbox.GONE, robot))]
+
+
+def acts(at: float, robot: str, tick: int = 0) -> list[Timed]:
+    return [(at, Arrival(keys.ACT, robot, encode(Action(tick=tick, speed_mps=0.0, turn_rps=0.0))))]
+
+
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ticks: int, arrivals: list[Timed], **more: Any) -> list[Any]:
+    """Events of a run of two robots, which are there at 0 s: robot, event and reason."""
+    inbox = Script([*joins(0.0, "r1", "01"), *joins(0.0, "r2", "02"), *arrivals])
+    monkeypatch.setattr(server, "time", inbox)
+    monkeypatch.setattr(server, "wait_for_matching", lambda *_: None)
+    episode = Episode(tiny_config(tmp_path, robots=2, until=ticks * TICK_S), tmp_path / "out")
+    config = ServerConfig(connect="tcp/127.0.0.1:1", **more)
+    with open_router() as (session, _), server.Shell(episode, config, session, inbox, lambda _: None) as shell:
+        shell.gather("")
+        shell.run()
+        shell.close()
+    return [(told["robot"], told["event"], told["reason"]) for told in events(tmp_path / "out")]
+
+
+def test_who_comes_back_is_not_given_up_for_the_silence_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that came a second before silence_s was over had that second for its answer."""
+    arrivals = [*acts(0.1, "r2"), *goes(0.2, "r1"), *joins(299.0, "r1", "03"), *acts(302.0, "r1")]
+    told = run(tmp_path, monkeypatch, 1, arrivals)
+    assert [(robot, event) for robot, event, _ in told] == [("r1", "left"), ("r1", "rejoined")]
+
+
+def test_in_lockstep_who_says_nothing_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arrivals = [*goes(0.1, "r2"), *acts(301.0, "r1")]
+    told = run(tmp_path, monkeypatch, 1, arrivals)
+    assert told == [
+        ("r1", "dead", "it said nothing for 300 s"),
+        ("r2", "dead", "its link was lost, and it did not come back within 300 s"),
+    ]
+
+
+def test_in_real_time_who_keeps_its_link_and_says_nothing_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It lived on until the run ended."""
+    arrivals = [one for tick in range(10) for one in acts((tick + 0.5) * TICK_S, "r2", tick)]
+    told = run(tmp_path, monkeypatch, 10, arrivals, real_time=1.0, silence_s=1.0)
+    assert told == [("r1", "dead", "it said nothing for 1 s")]
+
+
+def test_in_real_time_the_last_word_on_a_robot_that_is_away_is_that_it_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its link came back and was lost again within a tick: it rejoined for good."""
+    arrivals = [
+        *goes(0.1, "r1"),
+        *joins(0.25, "r1", "01"),
+        *goes(0.3, "r1"),
+        *joins(0.31, "r1", "01"),
+        *goes(0.32, "r1"),
+    ]
+    told = run(tmp_path, monkeypatch, 3, arrivals, real_time=1.0)
+    assert [(robot, event) for robot, event, _ in told] == [("r1", event) for event in ("left", "rejoined", "left")]
