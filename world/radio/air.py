@@ -180,7 +180,8 @@ def _blackout(model: Blackout, robots: list[str], period_s: float) -> Loses:
     mute = {i for i, robot in enumerate(robots) if not model.robots or robot in model.robots}
 
     def loses(hop: Hop) -> bool:
-        in_time = model.begin_s <= hop.tick * period_s < model.end_s
+        t = round(hop.tick * period_s, 9)  # 111 of 1/15 s are less than 7.4 s by rounding
+        in_time = model.begin_s <= t < model.end_s
         return in_time and not mute.isdisjoint((hop.sender, hop.receiver))
 
     return loses

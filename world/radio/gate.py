@@ -271,7 +271,7 @@ class Radio:
         Where they are more than a message has room for, those with most bytes.
         """
         rows, since = [], tick - self._table_ticks
-        heard = [(pair, link) for pair, link in self._receptions.items() if link.heard > since]
+        heard = [(pair, link) for pair, link in self._receptions.items() if link.heard > max(since, -1)]
         busiest = nlargest(MOST_LINKS, heard, key=lambda row: row[1].bytes)
         for (sender, receiver), link in sorted(busiest, key=lambda row: row[0]):
             link.forget(since)

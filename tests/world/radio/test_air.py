@@ -27,11 +27,12 @@ def play(
     names: list[str] = NAMES,
     size: int = 20,
     seed: int = 0,
+    period_s: float = 0.2,
     **settings: object,
 ) -> list[Passage]:
     """Every robot broadcasts once a tick; all that was judged."""
     config = RadioConfig.model_validate({"range_m": None, "models": models, **settings})
-    radio = Radio(names, config, seed, 0.2, BOX)
+    radio = Radio(names, config, seed, period_s, BOX)
     passages = []
     for tick in range(ticks):
         passages += radio.deliver(tick, names)[1]
@@ -131,10 +132,15 @@ def test_links_can_differ_by_direction() -> None:
     assert all(by_link[p.sender, p.receiver] == p.outcome for p in fixed if p.outcome != "ended")
 
 
-def test_a_blackout_silences_whom_it_names_while_it_lasts() -> None:
-    passages = play({"kind": "blackout", "begin_s": 10, "end_s": 20, "robots": ["r1"]})
+@pytest.mark.parametrize(
+    ("rate_hz", "begin", "end"),
+    [(5, 50, 100), (15, 111, 222), (30, 207, 222), (49, 98, 147)],  # by rounding the last three were a tick late
+)
+def test_a_blackout_silences_whom_it_names_while_it_lasts(rate_hz: int, begin: int, end: int) -> None:
+    model = {"kind": "blackout", "begin_s": begin / rate_hz, "end_s": end / rate_hz, "robots": ["r1"]}
+    passages = play(model, ticks=end + 10, period_s=1 / rate_hz)
     dark = {(p.tick, p.sender, p.receiver) for p in passages if p.outcome == "blackout"}
-    assert {tick for tick, _, _ in dark} == set(range(50, 100))
+    assert {tick for tick, _, _ in dark} == set(range(begin, end))
     assert {(a, b) for _, a, b in dark} == {("r1", "r2"), ("r2", "r1"), ("r1", "r3"), ("r3", "r1")}
 
 
@@ -220,6 +226,9 @@ def test_the_link_table_says_who_hears_whom_and_nothing_of_places() -> None:
     for tick in range(100):
         radio.deliver(tick, NAMES)
         radio.offer(tick, {n: [Send(tick=tick, to="*", kind="m", payload=b"abc")] for n in NAMES}, ONE_ROOM)
+        if tick == 1:
+            heard = [("r2", "r1"), ("r2", "r3"), ("r3", "r2")]  # not that r2 hears nothing of r1
+            assert [(row.sender, row.receiver) for row in radio.table(tick).links] == heard
     rows = {(row.sender, row.receiver): (row.loss, row.bytes) for row in radio.table(100).links}
     assert rows == {("r2", "r1"): (0.0, 297), ("r2", "r3"): (0.0, 297), ("r3", "r2"): (0.0, 297)}
     assert set(radio.table(100).links[0].model_dump()) == {"sender", "receiver", "loss", "bytes"}
