@@ -77,9 +77,9 @@ def run_agent(
     """Live as `robot` in the world at the endpoint `connect` until its run ends; None: as any that is missing there.
 
     credentials: of this robot, or of all that it may be, where the world asks for them. patience: how long to look for
-    a world. checkpoints: folder where the mind is kept, from which it goes on when its process is started again; None
-    keeps nothing. by_hand: nobody else tells the world that this process ends; where it is stopped and keeps no
-    checkpoint, from which it could come back, it takes its leave, so that the others need not wait for it.
+    a world. checkpoints: folder where a mind that can be is kept, from which it goes on when its process is started
+    again; None keeps nothing. by_hand: nobody else tells the world that this process ends; where it is stopped and
+    keeps no checkpoint, from which it could come back, it takes its leave, so that the others need not wait for it.
     Returns why the run ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
     Raises LinkError where no world is found or it does not come back in time, RefusedError where the world does not
     let the robot in, ProtocolError where the world's messages make no sense.
@@ -91,6 +91,7 @@ def run_agent(
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         entry = join(session, robot, inbox, patience.join_timeout_s)
         make_mind = make_mind or own_mind(inbox)  # the world waits for a robot that is let in and compiles
+        may_return = checkpoints is not None
         while isinstance(entry, Entry):  # a world that was gone and is back may begin a new run
             welcome = entry.welcome
             make = partial(make_mind, robot, welcome.spec, config, welcome.seed)
@@ -100,14 +101,18 @@ def run_agent(
                 suppress(Interrupted),
                 declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers,
             ):
-                ended = life.live(publishers, inbox)
-                while ended is None:  # the link was lost: this process, the world or the network stood still
-                    entry = join(session, robot, inbox, patience.reconnect_s)
-                    if isinstance(entry, Entry) and not life.goes_on(entry):
+                while True:
+                    with session.liveliness().declare_token(keys.alive(robot)):
+                        ended = life.live(publishers, inbox)
+                    if ended is not None:
                         break
-                    ended = life.live(publishers, inbox) if isinstance(entry, Entry) else entry
-            entry = ended or entry
-        if inbox.stopped and by_hand and checkpoints is None:
+                    # the link was lost: this process, the world or the network stood still. It asks without its
+                    # token: another world would begin with it, and lose it at once, as it begins anew
+                    entry = join(session, robot, inbox, patience.reconnect_s)
+                    if not isinstance(entry, Entry) or not life.goes_on(entry):
+                        break
+            entry, may_return = ended or entry, life.is_kept
+        if inbox.stopped and by_hand and not may_return:
             _leave(session, robot, inbox)
     return entry
 
@@ -206,17 +211,16 @@ def _ask(session: zenoh.Session, robot: str, question: bytes) -> list[zenoh.Repl
 def declared(
     session: zenoh.Session, robot: str, lockstep: bool, inbox: AgentInbox, timeout_s: float
 ) -> Iterator[dict[str, zenoh.Publisher]]:
-    """Declare a welcomed robot's subscriber, publishers and liveliness token, with which the world may begin.
+    """Declare a welcomed robot's subscriber and publishers, and wait until each that the world needs has its reader.
 
-    The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out, Interrupted
-    where the robot is to stop before.
+    Only then is its liveliness token due, with which the world may begin. LinkError on a time-out, Interrupted where
+    the robot is to stop before.
     """
     with ExitStack() as stack:
         declare = stack.enter_context
         declare(session.declare_subscriber(keys.to_robot(robot), at_once(inbox.hear)))
         publishers = {channel: declare(one) for channel, one in publishers_of(session, robot, lockstep).items()}
         wait_for_matching([publishers[channel] for channel in keys.NEEDED], timeout_s, lambda: inbox.stopped)
-        declare(session.liveliness().declare_token(keys.alive(robot)))
         yield publishers
 
 
@@ -254,6 +258,11 @@ class Life:
         self._tick = -1
         """Of the last step; -1 before the first."""
         self._step: Step | None = None
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether another process may go on with this mind, as far as its checkpoints can be written."""
+        return self._checkpoints is not None and isinstance(self._mind, Keeps)
 
     def goes_on(self, entry: Entry) -> bool:
         """Whether the robot was let in again to the run that it lives in, at a tick that is not past."""

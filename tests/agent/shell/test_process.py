@@ -28,7 +28,7 @@ from protocol.session import open_client, open_router
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Sleeper, Wanderer, endless
 from world.shell.inbox import WorldInbox
-from world.shell.server import serve
+from world.shell.server import Shell, serve
 
 pytestmark = pytest.mark.system
 
@@ -150,6 +150,28 @@ def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> 
         time.sleep(0.2)
         both = [pool.submit(agent, world, robot) for robot in ("r1", "r2")]
         assert [one.result(10) for one in both] == ["time", "time"]
+
+
+def test_a_robot_that_outlives_its_world_loses_no_link_in_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It kept its token while it asked the next world, which began with it, and lost it as it began anew."""
+    with open_router() as (_, endpoint):
+        pass
+    config = tiny_config(tmp_path, robots=1, until=2.0, server={"listen": endpoint})
+    with ThreadPoolExecutor() as pool:
+        with monkeypatch.context() as dies, World(config.model_copy(update={"until": 1e6}), tmp_path / "one") as world:
+            dies.setattr(Shell, "_take_leave", lambda *_: None)  # it says nothing more
+            lives = pool.submit(agent, world, "r1")
+            world.endpoint.result(JOIN_S)
+            while not (tmp_path / "one" / "trajectories" / "r1.tum").stat().st_size:
+                time.sleep(0.01)
+            world.inbox.stop()
+            world.ended.result(10)
+        with World(config, tmp_path / "other") as world:
+            assert (lives.result(JOIN_S), world.ended.result(JOIN_S)) == ("time", "time")
+    assert events(tmp_path / "other") == []
+    assert json.loads((tmp_path / "other" / "summary.json").read_text())["links_lost"] == 0
 
 
 def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Path) -> None:
@@ -307,11 +329,12 @@ def test_a_robot_that_floods_the_world_is_given_up_and_the_others_go_on(tmp_path
     assert [event["robot"] for event in events(tmp_path / "out") if event["event"] == "dead"] == ["r2"]
 
 
-@pytest.mark.parametrize("real_time", [None, 50.0])
+@pytest.mark.parametrize(("real_time", "checkpoints"), [(None, None), (None, "checkpoints"), (50.0, None)])
 def test_a_robot_that_is_stopped_by_hand_takes_its_leave_and_the_others_go_on(
-    tmp_path: Path, real_time: float | None
+    tmp_path: Path, real_time: float | None, checkpoints: str | None
 ) -> None:
     config = tiny_config(tmp_path, robots=2, until=60.0, server={"real_time": real_time})
+    kept = checkpoints and tmp_path / checkpoints  # for nothing, as a Wanderer tells no state
     inbox, begun = AgentInbox(), threading.Event()
 
     class Noted(Wanderer):
@@ -321,7 +344,7 @@ def test_a_robot_that_is_stopped_by_hand_takes_its_leave_and_the_others_go_on(
 
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
         stays = pool.submit(agent, world, "r1")
-        leaves = pool.submit(agent, world, "r2", Noted, inbox=inbox, by_hand=True)
+        leaves = pool.submit(agent, world, "r2", Noted, inbox=inbox, by_hand=True, checkpoints=kept)
         assert begun.wait(JOIN_S)
         inbox.stop()
         assert leaves.result(10) == "interrupted"
