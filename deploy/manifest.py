@@ -40,6 +40,11 @@ def begin(out: Path, fields: dict[str, Any]) -> None:
     _write(out, fields | {"end": None, "ended": None})
 
 
+def resume(out: Path) -> None:
+    """Take back how the run had ended, as it goes on. Raises as `begin` and `read` do."""
+    begin(out, {name: value for name, value in read(out).items() if name not in ("exit_status", "errors")})
+
+
 def finish(out: Path, **more: Any) -> None:
     """Add to it what is known now that the run has ended. Raises UnwritableError, also where it is gone or damaged."""
     try:

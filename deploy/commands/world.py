@@ -96,6 +96,8 @@ def world_(
     stop_on_signals(inbox := WorldInbox())
 
     def listening(endpoint: str) -> None:
+        if goes_on:  # only now is it sure
+            manifest.resume(directory)
         place = "listening on" if settings.server.connect is None else "robots are awaited at"
         tell(f"{place} {endpoint}\nradio: {settings.radio}")
 
@@ -129,12 +131,11 @@ def world_(
                 progress=progress,
                 written=lambda ended: manifest.finish(directory, ended=ended),
             )
-        except InputError:
-            if not goes_on:
-                manifest.withdraw(directory)
-            raise
         except Exception as error:
-            manifest.finish(directory, ended="interrupted", exit_status=Status.FAILURE, errors=[str(error)])
+            if not (directory / "world.yaml").exists():  # it could not begin
+                manifest.withdraw(directory)
+            elif not isinstance(error, InputError):
+                manifest.finish(directory, ended="interrupted", exit_status=Status.FAILURE, errors=[str(error)])
             raise
         status = of_run(ended, settings.until, standing.values())
         manifest.finish(directory, ended=ended, exit_status=status)

@@ -218,6 +218,16 @@ def test_a_world_with_the_papers_sensing_is_asked_for_as_a_run_is(wireswarm: Com
     assert named(RunConfig.model_validate(manifest.read(out)["config"], context=RAN).spec) == "ideal"
 
 
+def test_a_world_that_finds_no_router_leaves_nothing_behind(wireswarm: Command, tmp_path: Path) -> None:
+    """It left its manifest, so no restart with the same --out began."""
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    for _ in range(2):
+        router = ("--connect", "tcp/127.0.0.1:1", "--set", "server.join_timeout_s=0.1")
+        status, _, err = wireswarm("world", "--world", "tiny.yaml", "--out", "run", *router)
+        assert status == 1 and "no world answers at tcp/127.0.0.1:1" in err
+    assert not (tmp_path / "run").exists()
+
+
 def test_an_agent_that_is_refused_or_finds_no_world(wireswarm: Command) -> None:
     with open_router() as (_, endpoint):
         pass

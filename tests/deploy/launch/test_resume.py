@@ -117,6 +117,25 @@ def test_a_world_that_goes_on_at_another_address_is_not_open_to_all_because_it_w
     assert "whoever reaches this address could take part" in capsys.readouterr().err
 
 
+def test_a_run_that_goes_on_has_not_ended_and_has_no_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looked ended while it ran, and kept the error for which its world had ended."""
+    config = tiny_config(tmp_path)
+    manifest.begin(tmp_path, begun := manifest.begun(config, load(config.world)))
+    manifest.finish(tmp_path, ended="interrupted", exit_status=1, errors=["No space left on device"])
+    shutil.copy(config.world, tmp_path / "world.yaml")
+
+    def serve(*_: Any, listening: Any, **__: Any) -> str:
+        listening("tcp/127.0.0.1:7447")
+        assert manifest.read(tmp_path) == begun | {"end": None, "ended": None}
+        return "interrupted"
+
+    monkeypatch.setattr("world.shell.server.serve", serve)
+    monkeypatch.setattr(sys, "argv", ["wireswarm", "world", "--resume", str(tmp_path)])
+    with pytest.raises(SystemExit, match="130"):
+        cli.main()
+    assert "errors" not in manifest.read(tmp_path)
+
+
 @pytest.mark.parametrize(("before", "option"), [("connect", "--listen"), ("listen", "--connect")])
 def test_a_world_that_goes_on_is_reached_as_it_is_told_now(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, option: str
