@@ -26,6 +26,8 @@ from tests.agent.shell.test_process import JOIN_S, World, agent, events
 from tests.protocol.test_access import Ear, wait_for
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
+from world.shell.inbox import WorldInbox
+from world.shell.server import serve
 
 pytestmark = pytest.mark.system
 
@@ -101,6 +103,20 @@ def test_a_router_serves_one_world(tmp_path: Path) -> None:
             assert first.endpoint.result(JOIN_S) == endpoint
             with World(config, tmp_path / "b") as second, pytest.raises(InputError, match=r"a world is at .* already"):
                 second.ended.result(JOIN_S)
+
+
+def test_a_router_serves_one_world_also_while_that_still_loads(tmp_path: Path) -> None:
+    """The second one saw no token, and the two gave up every robot."""
+    inbox = WorldInbox()
+    with open_router() as (_, endpoint):
+        config = tiny_config(tmp_path, server={"connect": endpoint, "join_timeout_s": 0.3})
+
+        def loads(_: str) -> None:
+            with pytest.raises(InputError, match=r"a world is at .* already"):
+                serve(config, config.server, tmp_path / "b")
+            inbox.stop()
+
+        assert serve(config, config.server, tmp_path / "a", inbox=inbox, opened=loads) == "interrupted"
 
 
 def test_the_written_configuration_makes_a_router_of_others(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from secrets import token_hex
 from typing import Self
@@ -16,7 +16,7 @@ from protocol.codec import encode
 from protocol.errors import InputError, Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Clock, End, Progress, clipped
-from protocol.session import at_once, open_client, open_router, wait_for_matching
+from protocol.session import at_once, open_client, open_router, place, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
 from world.recorder import REPLACED
@@ -118,8 +118,10 @@ def _opened(
         with open_router(server.listen, credentials, insecure=server.insecure) as opened:
             yield opened
         return
-    with open_client(server.connect, server.join_timeout_s, WORLD, credentials, lambda: inbox.stopped) as session:
-        if any(reply.ok for reply in session.liveliness().get(keys.WORLD_ALIVE, timeout=OTHER_WORLD_S)):
+    client = open_client(server.connect, server.join_timeout_s, WORLD, credentials, lambda: inbox.stopped)
+    # with credentials a world has its place by these; one at a router that is linked to this one shows its token
+    with client as session, place(server.connect, WORLD) if credentials is None else nullcontext(True) as ours:
+        if not ours or any(reply.ok for reply in session.liveliness().get(keys.WORLD_ALIVE, timeout=OTHER_WORLD_S)):
             raise InputError(f"a world is at {server.connect} already: a router serves one at a time")
         yield session, server.connect
 
