@@ -71,6 +71,8 @@ class Participants:
         self.processes: dict[str, str] = {}
         """The process of each robot that was let in."""
         self._tokens: set[str] = set()
+        self._entering: set[str] = set()
+        """Robots that were let in and whose token has not been there since."""
 
     def is_ready(self, robot: str) -> bool:
         """Whether this robot reads and is read now."""
@@ -90,7 +92,7 @@ class Participants:
     def preparing(self) -> list[str]:
         """Robots that were let in, still have their link where that can be told, and do not read yet: they compile."""
         linked = self._linked()
-        awaited = [robot for robot in self.missing if robot in self.sessions and robot not in self._dead]
+        awaited = [robot for robot in self.missing if robot in self._entering and robot not in self._dead]
         return [robot for robot in awaited if self._by_token or self.sessions[robot] in linked]
 
     def admit(self, robot: str, service: str, payload: bytes) -> str | None:
@@ -112,6 +114,8 @@ class Participants:
         if robot in self.sessions and self._is_another(join) and self._is_there(robot):
             return f"another {robot} is there already"
         self.sessions[robot], self.processes[robot] = join.session, join.process
+        if robot not in self._tokens:
+            self._entering.add(robot)
         return None
 
     def why_not(self, payload: bytes) -> str | None:
@@ -140,6 +144,8 @@ class Participants:
         if robot not in self.processes or (leave.robot, leave.process) != (robot, self.processes[robot]):
             return "this process is not the one that was let in"
         self.token_went(robot)
+        self.sessions.pop(robot, None)
+        self._entering.discard(robot)
         return None
 
     def _is_another(self, join: Join) -> bool:
@@ -160,6 +166,7 @@ class Participants:
     def token_came(self, robot: str) -> None:
         """A robot's token is there, maybe before the robot asked to be let in: its session declares it anew."""
         self._tokens.add(robot)
+        self._entering.discard(robot)
 
     def token_went(self, robot: str) -> None:
         """A robot's token is gone."""

@@ -13,8 +13,11 @@ NO_MORE = "its certificate does not count: it was revoked, or made after the wor
 
 def asks(there: Participants, session: str, process: str) -> str | None:
     """Why r1 is refused; None where it is let in."""
-    join = Join(version=PROTOCOL_VERSION, robot="r1", session=session, process=process)
-    return there.admit("r1", keys.JOIN, encode(join))
+    return there.admit("r1", keys.JOIN, said(session, process))
+
+
+def said(session: str, process: str) -> bytes:
+    return encode(Join(version=PROTOCOL_VERSION, robot="r1", session=session, process=process))
 
 
 @pytest.mark.parametrize(
@@ -40,6 +43,18 @@ def test_a_name_is_for_one_process_whatever_it_tells_of_itself(
     links.clear()
     there.token_went("r1")
     assert asks(there, *second) is None
+
+
+def test_who_was_ready_and_has_gone_does_not_prepare() -> None:
+    """Behind a router the world waited for it for five minutes."""
+    there = Participants(["r1"], {})
+    for goes in (lambda: there.token_went("r1"), lambda: there.dismiss("r1", said("0a", "01"))):
+        assert asks(there, "0a", "01") is None and there.preparing == ["r1"]
+        there.token_came("r1")
+        assert (there.ready, there.preparing) == (["r1"], [])
+        assert goes() is None and (there.ready, there.preparing, there.missing) == ([], [], ["r1"])
+    assert asks(there, "0a", "01") is None and there.preparing == ["r1"]
+    assert there.dismiss("r1", said("0a", "01")) is None and there.preparing == []
 
 
 def test_a_refusal_among_many_robots_fits_into_a_message() -> None:
