@@ -3,6 +3,7 @@
 import json
 import socket
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ def test_connections_are_known_by_their_far_ends_and_those_of_a_robot_add_up() -
                 near, _ = server.accept()
                 with near:
                     near.sendall(b"before it is followed")
-                    wire.follow({"r1": far.getsockname()[1], "r2": 1})
+                    wire.follow({"r1": f"tcp/127.0.0.1:{far.getsockname()[1]}", "r2": "tcp/127.0.0.1:1"})
                     wire.told("r1", "obs", bytes(size))
                     near.sendall(bytes(size))
                     far.sendall(bytes(300))
@@ -33,6 +34,21 @@ def test_connections_are_known_by_their_far_ends_and_those_of_a_robot_add_up() -
     assert figures is not None and list(figures) == ["r1"]
     assert figures["r1"]["to_robot"]["wire_bytes"] == figures["r1"]["to_robot"]["payload_bytes"] == sum(payloads)
     assert figures["r1"]["from_robot"]["wire_bytes"] == 600
+
+
+def test_robots_on_two_hosts_may_have_the_same_port() -> None:
+    """The bytes of both were one robot's."""
+    wire, hosts = Wire(), {"r1": "127.0.0.2", "r2": "127.0.0.3"}
+    with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as stack:
+        port, ends = 0, {}
+        for robot, host in hosts.items():
+            far = stack.enter_context(socket.create_connection(server.getsockname(), source_address=(host, port)))
+            ends[robot], port = stack.enter_context(server.accept()[0]), far.getsockname()[1]
+        wire.follow({robot: f"tls/{host}:{port}" for robot, host in hosts.items()})
+        for size, end in enumerate(ends.values(), 1):
+            end.sendall(bytes(size))
+        figures = wire.close()
+    assert figures is not None and [told["to_robot"]["wire_bytes"] for told in figures.values()] == [1, 2]
 
 
 @pytest.mark.parametrize("faults", [[], ["r2@100"]])

@@ -227,7 +227,7 @@ class Shell:
         ready = self._participants.ready
         to_robots = [put for (robot, _), put in self._put.items() if robot in ready]
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
-        self._wire.follow(self._ports())
+        self._wire.follow(self._far_ends())
         self._began = time.monotonic()
         self._away = set(self._still_away)
         if not self._lockstep and self.episode.ended is None:
@@ -360,7 +360,7 @@ class Shell:
         self._silent.pop(robot, None)
         if self._began is None or not self._participants.is_ready(robot):
             return
-        self._wire.follow(self._ports())
+        self._wire.follow(self._far_ends())
         if robot not in self._here:
             self._arrive(robot)
             self._newcomers[robot] = "joined"
@@ -429,11 +429,10 @@ class Shell:
             self._wire.told(robot, channel, payload)
         self._put[robot, channel].put(payload)
 
-    def _ports(self) -> dict[str, int]:
-        """Port of each robot's end of its link."""
-        far_ends = {session: far_end.rsplit(":", 1)[-1] for session, far_end in self._linked().items()}
-        ports = {robot: far_ends.get(session, "") for robot, session in self._participants.sessions.items()}
-        return {robot: int(ports[robot]) for robot in self.episode.robots if ports.get(robot, "").isdigit()}
+    def _far_ends(self) -> dict[str, str]:
+        """Zenoh's address of each robot's end of its link."""
+        linked, sessions = self._linked(), self._participants.sessions
+        return {robot: linked[sessions[robot]] for robot in self.episode.robots if sessions.get(robot) in linked}
 
     def _linked(self) -> dict[str, str]:
         """Address of the far end of each link by its Zenoh ID."""

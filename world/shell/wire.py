@@ -5,7 +5,9 @@ was measured with eclipse-zenoh 1.10, and a test checks it: 12 bytes of frame, s
 of the payload. A message to a robot also carries the last part of its key, because one subscriber takes all inputs.
 """
 
+import ipaddress
 import os
+import re
 import socket
 import struct
 import sys
@@ -47,11 +49,15 @@ class Flow:
         }
 
 
+FarEnd = tuple[ipaddress.IPv4Address | ipaddress.IPv6Address, int]
+"""Address and port of the other end of a TCP connection; on two hosts ports may be the same."""
+
+
 @dataclass
 class _Connection:
     """The connection to a robot's process."""
 
-    port: int  # of the robot's end
+    far_end: FarEnd
     end: socket.socket  # a duplicate of the world's end, which tells its bytes even after Zenoh has closed its own
     before: tuple[int, int]  # bytes sent and received before it was followed
 
@@ -72,15 +78,19 @@ class Wire:
         self.to_robot: defaultdict[str, Flow] = defaultdict(Flow)
         self.from_robot: defaultdict[str, Flow] = defaultdict(Flow)
 
-    def follow(self, ports: Mapping[str, int]) -> None:
-        """Count from now on what these links carry beside earlier ones; `ports` are those of the robots' ends."""
-        known = {robot: link.port for robot, link in self._links.items()}
-        new = {port: robot for robot, port in ports.items() if known.get(robot) != port}
+    def follow(self, locators: Mapping[str, str]) -> None:
+        """Count from now on what these links carry beside earlier ones.
+
+        locators: the robots' ends as Zenoh writes them, such as tcp/127.0.0.1:7447; others than of TCP are left out.
+        """
+        known = {robot: link.far_end for robot, link in self._links.items()}
+        far_ends = {robot: far_end for robot, locator in locators.items() if (far_end := _far_end(locator))}
+        new = {far_end: robot for robot, far_end in far_ends.items() if known.get(robot) != far_end}
         ends = _connections(new)
-        for port, robot in new.items():
-            if port in ends:
+        for far_end, robot in new.items():
+            if far_end in ends:
                 self._part(robot)
-                self._links[robot] = _Connection(port, ends[port], _bytes_of(ends[port]))
+                self._links[robot] = _Connection(far_end, ends[far_end], _bytes_of(ends[far_end]))
 
     def _part(self, robot: str) -> None:
         so_far = self._ended.setdefault(robot, (0, 0))
@@ -107,10 +117,15 @@ class Wire:
         return robots or None
 
 
-def _connections(ports: Collection[int]) -> dict[int, socket.socket]:
-    """Duplicates of this process's TCP connections to these ports of others; none where the system does not count."""
-    found: dict[int, socket.socket] = {}
-    if not ports or not sys.platform.startswith("linux"):
+def _far_end(locator: str) -> FarEnd | None:
+    match = re.fullmatch(r"[a-z]+/\[?([0-9a-f.:]+)(?:%\w+)?]?:(\d+)", locator)
+    return None if match is None else (ipaddress.ip_address(match[1]), int(match[2]))
+
+
+def _connections(far_ends: Collection[FarEnd]) -> dict[FarEnd, socket.socket]:
+    """Duplicates of this process's TCP connections to these ends; none where the system does not count."""
+    found: dict[FarEnd, socket.socket] = {}
+    if not far_ends or not sys.platform.startswith("linux"):
         return found
     for entry in Path("/proc/self/fd").iterdir():
         try:
@@ -120,11 +135,13 @@ def _connections(ports: Collection[int]) -> dict[int, socket.socket]:
         except OSError:
             continue  # closed meanwhile
         try:
-            port = int(link.getpeername()[1]) if link.family in (socket.AF_INET, socket.AF_INET6) else 0
-            if port in ports and port not in found:
-                _bytes_of(link)
-                found[port] = link
-                continue
+            if link.family in (socket.AF_INET, socket.AF_INET6):
+                host, port = link.getpeername()[:2]
+                far_end = ipaddress.ip_address(host.partition("%")[0]), port
+                if far_end in far_ends and far_end not in found:
+                    _bytes_of(link)
+                    found[far_end] = link
+                    continue
         except (OSError, struct.error):
             pass  # not connected, or an older kernel
         link.close()
