@@ -118,6 +118,14 @@ class Misbehaving(Wanderer):
         return turn
 
 
+def lame(robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> Wanderer:
+    """r3 fails before the others, which are slow, begin."""
+    if robot == "r3":
+        raise ZeroDivisionError("as promised")
+    time.sleep(1.0)
+    return Wanderer(robot, spec, config, seed)
+
+
 class _Stillborn:
     """Ends the process that unpickles it, which never becomes a robot."""
 

@@ -299,6 +299,9 @@ class Children:
             for robot in self._gone:  # a world that is there again may not know
                 self._tell_world(robot)
         elif what == PROGRESS:
+            if self._progress is None:  # before its first tick a world takes no robot's end for good
+                for robot in self._gone:
+                    self._tell_world(robot)
             self._progress = value
             self._show(value)
         else:
@@ -312,8 +315,11 @@ class Children:
                 self._end_unless_begun(child)
 
     def _end_unless_begun(self, child: Child) -> None:
-        """End a run that would wait for a robot that cannot join any more."""
-        if self._progress is None and child.name != "world":
+        """End a run that would wait for robots that cannot join any more."""
+        config = self._config
+        may_join = len({*config.robot_ids} - self._gone - {child.name})
+        enough = may_join >= (config.server.begin_with or config.robots)
+        if self._progress is None and child.name != "world" and not enough:
             self._never_began = True
             self._stop_all()
 

@@ -209,9 +209,9 @@ def test_ctrl_c_writes_the_run_directory_and_leaves_nothing(running: Any) -> Non
     assert run.popen.communicate()[1] == ""
 
 
-def launched(folder: Path, mind: str, robots: int) -> Any:
+def launched(folder: Path, mind: str, robots: int, **more: Any) -> Any:
     """The launcher's result of a run of 10 s."""
-    settings = json.dumps({"robots": robots, "until": 10.0})
+    settings = json.dumps({"robots": robots, "until": 10.0} | more)
     command = [sys.executable, "-m", "tests.launch_tiny", str(folder), mind, settings]
     done = subprocess.run(command, cwd=REPO, capture_output=True, text=True, timeout=30, check=False)
     return json.loads(done.stdout.splitlines()[-1])
@@ -236,6 +236,15 @@ def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
     result = launched(tmp_path, "stillborn", 2)  # the world alone would wait 60 s for them
     assert result["status"] == 1
     assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
+
+
+def test_a_robot_that_fails_before_the_others_begin_ends_nothing(tmp_path: Path) -> None:
+    """It ended the run, but not where it failed a moment later."""
+    result = launched(tmp_path, "lame", 3, server={"begin_with": 2})
+    assert (result["status"], result["ended"], len(result["errors"])) == (3, "time", 1)
+    events = [json.loads(line) for line in (tmp_path / "out" / "events.jsonl").read_text().splitlines()]
+    dead = [(event["robot"], event["reason"]) for event in events if event["event"] == "dead"]
+    assert dead == [("r3", "its process ended")]
 
 
 @pytest.mark.parametrize(
