@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
 from deploy.bandwidth.replay import config_of
 from deploy.bandwidth.representations import FORMS, Measurement
 from deploy.sensing import named
+from deploy.terminal.console import Terminal
 from deploy.terminal.tables import add_row
 from protocol.text import printable
 
@@ -27,7 +27,7 @@ def document(run: Path, measurement: Measurement) -> dict[str, Any]:
 
 def print_tables(figures: dict[str, Any]) -> None:
     """Print a document's tables to stdout."""
-    console = Console()
+    console = Terminal(stderr=False)
     console.width = max(console.width, 110)
     heard = f": {figures['updates']} contact updates, {figures['sensing']} sensing"
     console.print(Text(printable(figures["run"]), "bold"), heard, sep="", highlight=False)

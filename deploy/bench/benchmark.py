@@ -11,12 +11,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
 from deploy.revision import WITH_BENCHMARKS, revision
 from deploy.sensing import IDEAL_BENCHMARK, named
+from deploy.terminal.console import Terminal
 from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
@@ -104,18 +103,10 @@ def report(
     failed: Mapping[str, str],
     out: Path,
 ) -> None:
-    """Print all tables and write them to `out`, with what made them and the machine, and pictures beside it.
+    """Write all tables to `out`, with what made them and the machine, and pictures beside it, and print them.
 
     made_by: the command, and the revision of the sources. sensing: of the runs that do not set it themselves.
     """
-    console = Console()
-    if not console.is_terminal:
-        console.width = max(console.width, WIDTH)
-    for section in sections:
-        section.print(console)
-    for case, reason in failed.items():
-        console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
-    console.print(f"sensing is {sensing} where a table does not say otherwise")
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
     met = {section.table.name: section.met for section in sections}
     found = {section.table.name: section.as_dict(sensing) for section in sections}
@@ -125,4 +116,12 @@ def report(
     write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
     for section in sections:
         section.draw(out.with_name(f"{out.stem}-{section.table.name}.png"))
+    console = Terminal(stderr=False)
+    if not console.is_terminal:
+        console.width = max(console.width, WIDTH)
+    for section in sections:
+        section.print(console)
+    for case, reason in failed.items():
+        console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
+    console.print(f"sensing is {sensing} where a table does not say otherwise")
     console.print(f"written to {out}", highlight=False)

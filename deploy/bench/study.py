@@ -5,11 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.tables import VERDICTS, Row, Table
 from deploy.revision import ROOT
+from deploy.terminal.console import Terminal
 from protocol.errors import InputError
 from protocol.status import Status
 
@@ -31,7 +30,7 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     benchmark = Benchmark(STUDIES[name], before["sections"])
     status = benchmark.run(quick, folder, jobs, ideal=True)
     now = json.loads(benchmark.file(folder, quick, ideal=True).read_text(encoding="utf-8"))
-    comparison(before, now).section({}).print(Console())
+    comparison(before, now).section({}).print(Terminal(stderr=False))
     return status
 
 

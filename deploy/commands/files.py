@@ -13,7 +13,7 @@ from typer import Argument, Option, Typer
 
 from deploy.commands import results
 from deploy.commands.options import ConfigFile, Quiet
-from protocol.command import say
+from protocol.command import say, tell
 from protocol.status import Status
 from protocol.text import printable
 
@@ -97,7 +97,7 @@ def map_(
     with run_directory(out, "", 0) as directory, on_interrupt(partial(_leave, directory)):
         summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
         print_mapped(directory, summary)
-        print(printable(str(write_report(directory))), flush=True)
+        tell(printable(str(write_report(directory))))
 
 
 def _leave(out: Path) -> None:

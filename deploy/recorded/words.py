@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
+from deploy.terminal.console import Terminal
 from deploy.terminal.live import MAX_ROBOTS, print_pairs
 from deploy.terminal.tables import add_row
 
@@ -25,7 +25,7 @@ def print_mapped(out: Path, summary: Mapping[str, Any]) -> None:
         sentences += [f"{robot}: {note}" for note in row["notes"]]
     if summary.get("heard") == "all":
         sentences.append("no reference says where each robot was, so all heard each other")
-    console = Console()
+    console = Terminal(stderr=False)
     console.print(table)
     for sentence in sentences:
         console.print(sentence, markup=False, highlight=False)

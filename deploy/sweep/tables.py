@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from deploy.sweep import picture
@@ -19,6 +18,7 @@ from deploy.sweep.picture import Panel, titled
 from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
 from deploy.sweep.work import OK, Row
+from deploy.terminal.console import Terminal
 from deploy.terminal.tables import add_row
 from protocol.document import MAX_INT, parse_document
 from protocol.errors import InputError
@@ -357,18 +357,18 @@ def _panels_of_differences(sheet: Sheet, labels: Sequence[str]) -> list[Panel]:
 
 
 def show(sheets: Sequence[Sheet], out: Path | None) -> None:
-    """Print tables, and write each to out/TITLE as csv, tex and png. Raises InputError, UnwritableError."""
+    """Write each table to out/TITLE as csv, tex and png, and print it. Raises InputError, UnwritableError."""
     if out is not None:
         make_folder(out)
-    console = Console()
+    console = Terminal(stderr=False)
     console.width = max(console.width, WIDTH)
     for sheet in sheets:
-        table = Table(*sheet.heads, title=sheet.title, title_justify="left", box=SIMPLE_HEAD)
-        for line in sheet.lines:
-            add_row(table, *map(words, line))
-        console.print(table)
         if out is not None:
             stem = out / sheet.title.split(" ")[0].lower()
             write_whole(stem.with_suffix(".csv"), to_csv(sheet))
             write_whole(stem.with_suffix(".tex"), to_latex(sheet))
             draw(sheet, stem.with_suffix(".png"))
+        table = Table(*sheet.heads, title=sheet.title, title_justify="left", box=SIMPLE_HEAD)
+        for line in sheet.lines:
+            add_row(table, *map(words, line))
+        console.print(table)

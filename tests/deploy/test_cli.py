@@ -248,13 +248,23 @@ def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.Monkey
     "says",
     [
         "from protocol.command import tell; tell('a'); tell('b')",
-        "from deploy.terminal.live import print_summary; from pathlib import Path; print_summary(Path(sys.argv[1]))",
+        "from deploy.terminal.live import print_summary; print_summary(folder)",
+        "from deploy.recorded.words import print_mapped; print_mapped(folder, {'robots': {}})",
+        "from deploy.sweep.tables import Sheet, show; show([Sheet('medians', ['runs'], [[1]])], folder)",
+        "from deploy.bench.benchmark import report; report('lidar', {}, 'ideal', [], {}, folder / 'lidar.json')",
+        "from deploy.bandwidth.tables import FORMS, print_tables; none = dict.fromkeys(FORMS, 0); "
+        "print_tables(dict(run='run', updates=0, sensing='ideal', robots={}, links=[], explored_m2={}, beacon_bytes=0, "
+        "frame_bytes=0, viewpoint_bytes=0, representations=none, delta_against=none))",
     ],
 )
 def test_words_that_nobody_reads_end_nothing(says: str, tmp_path: Path) -> None:
-    """A world ended when `| head` had read enough, or at its end without a report; or well, and with status 1."""
+    """A world ended when `| head` had read enough, or at its end without a report; or well, and with status 1.
+
+    What prints tables ended before it had written its files.
+    """
     (tmp_path / "summary.json").write_text('{"robots": {"r1": {"ended": "complete"}}}')
-    program = f"import sys\nsys.stdin.read()\n{says}\nprint('c')\nsys.exit(3)"
+    begin = "import sys; from pathlib import Path; folder = Path(sys.argv[1]); sys.stdin.read()"
+    program = f"{begin}\n{says}\nprint('c')\nsys.exit(3)"
     command = [sys.executable, "-c", program, str(tmp_path)]
     process = subprocess.Popen(command, cwd=REPO, stdin=-1, stdout=-1, stderr=-1, text=True)
     assert process.stdin is not None and process.stdout is not None and process.stderr is not None
