@@ -60,10 +60,10 @@ def load(
     return validated(model, tree)
 
 
-def validated(model: type[Model], tree: Mapping[str, Any]) -> Model:
-    """Configuration from the fields of a file. Raises ConfigError."""
+def validated(model: type[Model], tree: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Model:
+    """Configuration from the fields of a file; context: of the model's validators. Raises ConfigError."""
     try:
-        return model.model_validate(tree)
+        return model.model_validate(tree, context=context)
     except ValidationError as error:
         raise ConfigError(_sentence(error, model)) from None
 

@@ -17,7 +17,9 @@ from deploy.bandwidth.books import NoRunError, check_has, check_simulated
 from deploy.config import RunConfig
 from deploy.report.rundir import BROKEN, read_trajectory, read_truth
 from protocol.arrays import Floats
+from protocol.configuration import ConfigError, validated
 from protocol.document import read_lines
+from protocol.errors import InputError
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from protocol.settings import RAN
@@ -46,9 +48,13 @@ def config_of(run: Path) -> RunConfig:
     """The configuration of a run directory. Raises NoRunError."""
     check_simulated(run)
     try:
-        return RunConfig.model_validate(manifest.read(run)["config"], context=RAN)
-    except (OSError, ValueError, LookupError, TypeError):
+        settings = manifest.read(run)["config"]
+    except (OSError, InputError, KeyError):
         raise NoRunError(f"{run} is no run directory: it has no manifest.json with its configuration") from None
+    try:
+        return validated(RunConfig, settings, RAN)
+    except ConfigError as error:
+        raise NoRunError(f"{run}: its settings are of another version: {error}") from None
 
 
 def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:

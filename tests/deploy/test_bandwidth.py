@@ -273,3 +273,16 @@ def test_the_settings_of_a_run_to_which_fewer_came_are_read_again(tmp_path: Path
     config = config.model_copy(update={"robots": 1})  # as `wireswarm world --settle` does
     (tmp_path / "manifest.json").write_text(json.dumps({"config": config.model_dump(mode="json")}))
     assert config_of(tmp_path) == config
+
+
+def test_settings_that_this_version_does_not_know_are_named(tmp_path: Path) -> None:
+    """Such a run was told to have no manifest.json."""
+    tree = tiny_config(tmp_path).model_dump(mode="json")
+    tree["agent"]["cooperation"]["gone_setting"] = 3
+    (tmp_path / "manifest.json").write_text(json.dumps({"config": tree}))
+    words = r"of another version: agent\.cooperation\.gone_setting: there is no such setting"
+    with pytest.raises(NoRunError, match=words):
+        config_of(tmp_path)
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(NoRunError, match=r"it has no manifest\.json with its configuration$"):
+        config_of(tmp_path)
