@@ -1,6 +1,7 @@
 """manifest.json: what was run, from when to when, and how it ended."""
 
 import json
+import shlex
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -13,6 +14,7 @@ from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
 from protocol.settings import Config
 from protocol.status import Status
+from world.checkpoint import is_left
 from world.config import WorldConfig
 from world.worldfile import World
 
@@ -67,6 +69,16 @@ def ended(out: Path) -> str | None:
     try:
         return read(out).get("ended")
     except InputError:
+        return None
+
+
+def unfinished(out: Path) -> str | None:
+    """Why a run directory has not all of its files yet, as far as anybody says; None where its run has ended."""
+    if is_left(out):
+        return f"its world was killed; `wireswarm finish {shlex.quote(str(out))}` ends it"
+    try:
+        return "its run has not ended" if read(out).get("ended", "") is None else None
+    except (OSError, InputError):
         return None
 
 

@@ -81,10 +81,10 @@ def check_simulated(run: Path) -> None:
 
 
 def check_has(run: Path, *names: str) -> None:
-    """Raise NoRunError, which names it, for a file that a run directory lacks."""
+    """Raise NoRunError for a file that a run directory lacks; it names the file, or says why the run has not ended."""
     for name in names:
         if not (run / name).exists():
-            raise NoRunError(f"{run} is no finished run: it has no {name}")
+            raise NoRunError(f"{run} is no finished run: {manifest.unfinished(run) or f'it has no {name}'}")
 
 
 def read_books(run: Path) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agent.geometry.chains import chains_of
 from agent.geometry.visibility import VIEW_RAYS, VIEW_STEP_M, visible_ring
+from deploy import manifest
 from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
@@ -99,8 +100,8 @@ def read_maps(path: Path, frame: Frame) -> list[NamedMap]:
             raise InputError(f"{path}: no map: {(str(error) or repr(error)).splitlines()[0]:.200}") from None
     if not maps:
         broken = [note for note in run.notes if note.startswith("maps/")]
-        shows = "a mind of your own publishes one by `self.show(Wireframe(...))`"
-        raise InputError(f"{path} has no maps: {'; '.join([*broken, shows])}")
+        why = manifest.unfinished(path) or "a mind of your own publishes one by `self.show(Wireframe(...))`"
+        raise InputError(f"{path} has no maps: {'; '.join([*broken, why])}")
     return [_named(run, robot, drawn, frame, path) for robot, drawn in maps.items()]
 
 

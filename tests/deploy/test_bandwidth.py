@@ -31,6 +31,7 @@ from deploy.occupancy_grid import two_bits
 from deploy.sensing import IDEAL
 from protocol.messages import EVERYONE, Heard, Observation, RobotSpec, Send
 from tests.tiny import tiny_config
+from world.checkpoint import Checkpoint
 from world.episode import Episode
 from world.radio.config import RadioConfig
 from world.radio.gate import Radio
@@ -286,3 +287,9 @@ def test_settings_that_this_version_does_not_know_are_named(tmp_path: Path) -> N
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(NoRunError, match=r"it has no manifest\.json with its configuration$"):
         config_of(tmp_path)
+
+
+def test_a_run_that_was_killed_is_told_how_to_end(tmp_path: Path) -> None:
+    Checkpoint(tmp_path).begin({})
+    with pytest.raises(NoRunError, match=r"is no finished run: its world was killed; `wireswarm finish .*` ends it$"):
+        read_books(tmp_path)

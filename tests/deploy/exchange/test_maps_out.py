@@ -18,6 +18,7 @@ from deploy.report.rundir import Map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, STARTS, seen, write_run
+from world.checkpoint import Checkpoint
 
 EVERY = {suffix: form for forms in FORMS.values() for suffix, form in forms.items()}
 ROOM = shapely.Polygon(RING)
@@ -177,6 +178,17 @@ def test_without_a_run_the_frame_of_the_world_is_not_known(tmp_path: Path) -> No
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match=r"has no maps: .*self\.show\(Wireframe"):
         export_maps(tmp_path, tmp_path / "out", "own", EVERY)
+
+
+def test_of_a_run_that_has_not_ended_it_is_said_how_to_end_it(tmp_path: Path) -> None:
+    """It blamed the mind."""
+    (out := tmp_path / "my run").mkdir()
+    (out / "manifest.json").write_text('{"ended": null}')
+    with pytest.raises(InputError, match=r"has no maps: .*; its run has not ended$"):
+        read_maps(out, "own")
+    Checkpoint(out).begin({})
+    with pytest.raises(InputError, match=r"; its world was killed; `wireswarm finish '.*/my run'` ends it$"):
+        read_maps(out, "own")
 
 
 @pytest.mark.parametrize("write", [lambda run, out: export_maps(run, out, "own", FORMS["svg"]), write_mcap])
