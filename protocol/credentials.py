@@ -1,5 +1,6 @@
 """The credentials that people give to a command: a file of secrets, or a folder of certificates."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,7 +50,7 @@ def of_all(
         roster = read_roster(certs)
         for robot in robots:
             if robot not in roster:
-                make = f"wireswarm certs {certs} --robots {robot}"
+                make = f"wireswarm certs {shlex.quote(str(certs))} --robots {robot}"
                 raise InputError(f"--certs {certs}: {robot} is not on its roster: make its certificate by `{make}`")
         yield Certificates(certs, names)
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -97,7 +98,7 @@ def leave(run: Path) -> None:
     from protocol.errors import InputError
     from protocol.files import remove_parts
 
-    why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
+    why = f"interrupted before the report was written; `wireswarm report {shlex.quote(str(run))}` writes it"
     try:
         remove_parts(run)
         manifest.interrupt(run, why)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
 from contextlib import nullcontext
@@ -97,12 +98,12 @@ def run(
         if result.status == Status.USAGE:  # nothing was run
             raise Exit(result.status)
         if result.status == Status.INTERRUPTED:
-            say(f"interrupted; `wireswarm report {directory}` draws what there is")
+            say(f"interrupted; `wireswarm report {shlex.quote(str(directory))}` draws what there is")
             print_summary(directory, pairs)
             raise Exit(result.status)
         status = write_results(directory, pairs, result.status)
         if not (quiet or view):
-            say(f"`{_as_called()} view {directory}` shows it as a moving picture")
+            say(f"`{_as_called()} view {shlex.quote(str(directory))}` shows it as a moving picture")
         raise Exit(status)
 
 
@@ -110,7 +111,7 @@ def _as_called() -> str:
     """How the user calls `wireswarm` here."""
     if shutil.which("wireswarm"):
         return "wireswarm"
-    return "python -m wireswarm" if Path(sys.argv[0]).name == "__main__.py" else sys.argv[0]
+    return "python -m wireswarm" if Path(sys.argv[0]).name == "__main__.py" else shlex.quote(sys.argv[0])
 
 
 def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:

@@ -6,6 +6,7 @@ sight of their tasks, and ask for those that are missing when it is there again.
 """
 
 import logging
+import shlex
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -63,7 +64,8 @@ def cluster(address: str, certs: Path | None) -> Iterator[tuple[str, Security | 
         files = {"tls_ca_file": "ca.pem", "tls_client_cert": "viewer.pem", "tls_client_key": "viewer.key"}
         for name in files.values():
             if not (certs / name).is_file():
-                raise InputError(f"--certs {certs}: {name} is missing; `wireswarm certs {certs}` makes it")
+                make = f"wireswarm certs {shlex.quote(str(certs))}"
+                raise InputError(f"--certs {certs}: {name} is missing; `{make}` makes it")
         paths: Any = {part: str(certs / name) for part, name in files.items()}
         security = Security(require_encryption=True, **paths)
     local = address.startswith(("tcp://127.", "tcp://localhost:"))

@@ -1,6 +1,7 @@
 """Progress of a run on the terminal, and the tables at its end."""
 
 import json
+import shlex
 import time
 from collections import Counter
 from collections.abc import Container
@@ -133,7 +134,7 @@ def print_pairs(out: Path, console: Console, robots: Container[str], listed: boo
     if not listed:
         met = {frozenset((pair.robot, pair.peer)) for pair in pairs}  # each robot tells of it, and one may have merged
         merged = {frozenset((pair.robot, pair.peer)) for pair in pairs if pair.merged_at is not None}
-        line = f"{len(met)} pairs met, {len(merged)} are merged: wireswarm report {out} --pairs"
+        line = f"{len(met)} pairs met, {len(merged)} are merged: wireswarm report {shlex.quote(str(out))} --pairs"
         console.print(Text(printable(line)), soft_wrap=True)
         return
     table = _table(["robot", "peer"], ["met", "failed", "proposed", "merged s"])

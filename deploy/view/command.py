@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -81,7 +82,8 @@ def view(run: Path, browser: bool, beside: bool) -> None:
             else:
                 return
         if is_left(run):
-            say(f"{run}: its world was killed; this is what there is of it, and `wireswarm finish {run}` ends it")
+            end = f"wireswarm finish {shlex.quote(str(run))}"
+            say(f"{run}: its world was killed; this is what there is of it, and `{end}` ends it")
         record(run, tape.file)
 
     _show(play, browser, lambda: beside and os.getppid() != asked)

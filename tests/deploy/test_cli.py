@@ -80,7 +80,11 @@ def test_the_help_of_each_command_ends_with_an_example_that_it_takes(words: str,
 
 @pytest.mark.parametrize(
     ("called", "named"),
-    [("/x/wireswarm/__main__.py", "python -m wireswarm"), (".venv/bin/wireswarm", ".venv/bin/wireswarm")],
+    [
+        ("/x/wireswarm/__main__.py", "python -m wireswarm"),
+        (".venv/bin/wireswarm", ".venv/bin/wireswarm"),
+        ("my venv/bin/wireswarm", "'my venv/bin/wireswarm'"),
+    ],
 )
 def test_a_hint_names_the_command_as_it_was_called(called: str, named: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", [called])

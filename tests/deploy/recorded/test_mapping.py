@@ -72,13 +72,13 @@ def test_an_interrupted_command_says_so_and_leaves_no_stub(
     record(tmp_path / "1.log", 1)
     monkeypatch.setattr(forks, "leave", stop)
     monkeypatch.setattr(mapping, "map_logs", map_logs)
-    out = tmp_path / "out"
+    out = tmp_path / "my run"
     with pytest.raises(RuntimeError, match="left"):
         app(["map", str(tmp_path / "1.log"), "--out", str(out)], standalone_mode=False)
     said = capfd.readouterr().err.splitlines()[-1]  # after changed kernels it says first that it compiles them
     if written:
         assert manifest.read(out)["ended"] == "interrupted"
-        assert said.startswith("wireswarm: interrupted before the report was written")
+        assert said == f"wireswarm: interrupted before the report was written; `wireswarm report '{out}'` writes it"
     else:
         assert not out.exists()
         assert said == f"wireswarm: interrupted before a map was written to {out}"

@@ -79,10 +79,12 @@ def test_the_result_comes_first_and_each_pair_is_a_line_of_80_columns(
 
 
 def test_pairs_of_many_robots_are_listed_when_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path, 7)
-    print_summary(tmp_path)
-    assert capsys.readouterr().out.splitlines()[-1].startswith("6 pairs met, 6 are merged: wireswarm report")
-    print_summary(tmp_path, pairs=True)
+    (run := tmp_path / "my run").mkdir()
+    write(run, 7)
+    print_summary(run)
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"6 pairs met, 6 are merged: wireswarm report '{run}' --pairs"
+    print_summary(run, pairs=True)
     assert capsys.readouterr().out.splitlines()[-1].startswith("r7     r6")
 
 

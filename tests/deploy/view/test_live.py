@@ -162,14 +162,15 @@ def test_a_killed_run_is_replayed_and_what_ends_it_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It waited ten seconds for its world, and blamed the network."""
-    recorded: list[Path] = []
+    recorded, run = list[Path](), tmp_path / "my run"
+    run.mkdir()
     monkeypatch.setattr(command, "_show", lambda play, browser, over: play(Tape(tmp_path / "run.rrd"), Inbox()))
     monkeypatch.setattr(command, "record", lambda run, file: recorded.append(run))
-    invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
-    Checkpoint(tmp_path).begin({})
-    command.view(tmp_path, browser=False, beside=False)
-    assert recorded == [tmp_path]
-    assert f"its world was killed; this is what there is of it, and `wireswarm finish {tmp_path}` ends it" in (
+    invitation.invite(run, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
+    Checkpoint(run).begin({})
+    command.view(run, browser=False, beside=False)
+    assert recorded == [run]
+    assert f"its world was killed; this is what there is of it, and `wireswarm finish '{run}'` ends it" in (
         capsys.readouterr().err
     )
 
