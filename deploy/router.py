@@ -4,7 +4,7 @@ from pathlib import Path
 
 from protocol.command import tell
 from protocol.credentials import of_router
-from protocol.files import write_whole
+from protocol.files import check_has_folder, write_whole
 from protocol.inbox import Inbox
 from protocol.session import check_endpoint, check_reach, open_router, router_config
 
@@ -14,6 +14,7 @@ def write_config(file: Path, listen: str, secrets: Path | None, certs: Path | No
 
     Raises InputError, UnwritableError.
     """
+    check_has_folder(file, "--write")
     credentials, guard = of_router(secrets, certs)
     check_endpoint(listen, credentials)
     if credentials is None and not insecure:

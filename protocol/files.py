@@ -30,12 +30,18 @@ class UnwritableError(OSError):
         return type(self), self.failures
 
 
-def make_folder(out: Path) -> None:
-    """Make the folder that --out names, with those above it, where it is not there yet. Raises InputError."""
+def make_folder(out: Path, option: str = "--out") -> None:
+    """Make the folder that an option names, with those above it, where it is not there yet. Raises InputError."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"--out {out}: {error.strerror}; name a directory that can be written") from None
+        raise InputError(f"{option} {out}: {error.strerror}; name a directory that can be written") from None
+
+
+def check_has_folder(file: Path, option: str = "--out") -> None:
+    """Raise InputError where the folder of a file that an option names is not there, or may not be written."""
+    if not os.access(f"{file.parent}/", os.W_OK | os.X_OK):
+        raise InputError(f"{option} {file}: {file.parent} is no folder that can be written")
 
 
 def has_other_than(begin: bytes, file: Path) -> bool:

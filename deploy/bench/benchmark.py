@@ -17,7 +17,7 @@ from deploy.revision import WITH_BENCHMARKS, revision
 from deploy.sensing import IDEAL_BENCHMARK, named
 from deploy.terminal.console import Terminal
 from protocol.errors import InputError
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 from protocol.messages import RobotSpec
 from protocol.status import Status
 
@@ -79,8 +79,10 @@ class Benchmark:
 
         Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
         that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
+        Raises InputError for a folder that cannot be made.
         """
         stem = folder / self.stem(quick, ideal)
+        make_folder(stem, "--results")
         made_by = {"command": self.command(quick, ideal), "revision": revision(WITH_BENCHMARKS)}
         measuring = copy_context()
         measuring.run(IDEAL_BENCHMARK.set, ideal)

@@ -16,7 +16,7 @@ from deploy.terminal.worlds import size_of
 from protocol.arrays import Floats
 from protocol.document import check_size, parse_document, read_document, read_text
 from protocol.errors import InputError
-from protocol.files import has_other_than, write_whole
+from protocol.files import check_has_folder, has_other_than, write_whole
 from protocol.text import printable
 from world.worldfile import World, WorldFileError, from_document, to_yaml
 
@@ -45,6 +45,7 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
     """Write a world file and a picture of it, and return what there is to tell, a line each. Raises InputError."""
     if not out.name:
         raise InputError(f"--out {out}: this is a folder; name a world file")
+    check_has_folder(out)
     picture = out.with_suffix(".png")
     if out == picture:
         raise InputError(f"{out}: its picture goes there; name the world file {out.with_suffix('.yaml').name}")

@@ -24,7 +24,7 @@ from deploy.view.show import show
 from protocol.command import say
 from protocol.credentials import of_viewer
 from protocol.errors import InputError, LinkError
-from protocol.files import has_other_than, write_whole
+from protocol.files import check_has_folder, has_other_than, write_whole
 from protocol.inbox import Inbox
 from protocol.status import Status
 from protocol.temporary import temporary_folder
@@ -50,6 +50,7 @@ def newest() -> Path:
 
 def save(run: Path, file: Path) -> None:
     """Write the recording of a finished run. Raises InputError, also for a file of another kind; UnwritableError."""
+    check_has_folder(file, "--save")
     if has_other_than(RECORDING, file):
         raise InputError(f"--save {file}: what is there already is no recording; name another file")
     with temporary_folder() as folder:

@@ -189,6 +189,10 @@ finally:
         (["view", "--connect", "tcp/127.0.0.1:1", "--save", "run.rrd"], "--connect and --save: "),
         (["view", "full", "--secrets", "secrets"], "--secrets: it is for --connect"),
         (["view", "full", "--certs", "certs"], "--certs: it is for --connect"),
+        (["view", "full", "--save", "no/run.rrd"], "--save no/run.rrd: no is no folder that can be written\n"),
+        (["import", "house.svg", "--out", "tiny.yaml/w.yaml"], "w.yaml: tiny.yaml is no folder that can be written\n"),
+        (["router", "--listen", "tcp/127.0.0.1:1", "--write", "no/r"], "--write no/r: no is no folder that can be"),
+        (["bench", "lidar", "--results", "tiny.yaml"], "--results tiny.yaml/lidar: Not a directory; name a directory"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
