@@ -14,6 +14,7 @@ from deploy.terminal.console import Terminal
 from deploy.terminal.tables import add_row
 from protocol.text import printable
 
+WIDTH = 110  # characters that a line needs
 MANY_LINKS = 12  # more links than that are in the JSON only
 
 
@@ -27,8 +28,7 @@ def document(run: Path, measurement: Measurement) -> dict[str, Any]:
 
 def print_tables(figures: dict[str, Any]) -> None:
     """Print a document's tables to stdout."""
-    console = Terminal(stderr=False)
-    console.width = max(console.width, 110)
+    console = Terminal(stderr=False, least_width=WIDTH)
     heard = f": {figures['updates']} contact updates, {figures['sensing']} sensing"
     console.print(Text(printable(figures["run"]), "bold"), heard, sep="", highlight=False)
     console.print(_robots(figures["robots"]))

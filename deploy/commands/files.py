@@ -158,7 +158,7 @@ def export(
     frame: Annotated[
         Literal["own", "world"] | None, Option(help="Frame of a map: its robot's, or the world's.", show_default="own")
     ] = None,
-    out: Annotated[Path | None, Option(help="Folder for the files.", show_default="PATH/FORM")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the files.", show_default="FORM in DIR, or beside MAP")] = None,
 ) -> None:
     """Write maps for other programs, a run's scans as CARMEN logs, or a run as a moving picture or for Foxglove."""
     from deploy.exchange import FORMS

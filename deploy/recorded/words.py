@@ -7,7 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from deploy.terminal.console import Terminal
-from deploy.terminal.live import MAX_ROBOTS, print_pairs
+from deploy.terminal.live import MAX_ROBOTS, WIDTH, print_pairs
 from deploy.terminal.tables import add_row
 
 COLUMNS = ("robot", "log", "scans", "skipped", "path m", "loops", "map B", "step ms", "99 % ms")
@@ -25,7 +25,7 @@ def print_mapped(out: Path, summary: Mapping[str, Any]) -> None:
         sentences += [f"{robot}: {note}" for note in row["notes"]]
     if summary.get("heard") == "all":
         sentences.append("no reference says where each robot was, so all heard each other")
-    console = Terminal(stderr=False)
+    console = Terminal(stderr=False, least_width=WIDTH)
     console.print(table)
     for sentence in sentences:
         console.print(sentence, markup=False, highlight=False)

@@ -30,10 +30,10 @@ MEASURES = (
 )  # fmt: skip
 """Without --measure."""
 
-WIDTH = 200  # characters that a line with all of them needs; a narrower terminal breaks it, but no figure is lost
+WIDTH = 200  # characters that a line with all of them needs
 
-KEY = r"[\w.]+"
-"""Of a setting."""
+KEY = r"[\w.*]+"
+"""Of a setting, such as mind.* where one mind is for all robots."""
 
 CONTENTS = ("revision", "world.hash", "mind.hash")
 """Columns that tell runs apart beside their settings: our sources, the world's file and minds of your own. Where worlds
@@ -360,8 +360,7 @@ def show(sheets: Sequence[Sheet], out: Path | None) -> None:
     """Write each table to out/TITLE as csv, tex and png, and print it. Raises InputError, UnwritableError."""
     if out is not None:
         make_folder(out)
-    console = Terminal(stderr=False)
-    console.width = max(console.width, WIDTH)
+    console = Terminal(stderr=False, least_width=WIDTH)
     for sheet in sheets:
         if out is not None:
             stem = out / sheet.title.split(" ")[0].lower()

@@ -24,6 +24,7 @@ from protocol.messages import Progress
 from protocol.text import printable
 
 LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
+WIDTH = 72  # characters that a line of the summary needs
 MAX_ROBOTS = 6  # of a run whose pairs are listed unasked
 TOUCHED = ("wall_contacts", "robot_contacts")
 
@@ -94,7 +95,7 @@ def print_summary(out: Path, pairs: bool = False) -> None:
         return
     summary = mapping(summary)
     robots = mapping(summary.get("robots"))
-    console = Terminal(stderr=False)
+    console = Terminal(stderr=False, least_width=WIDTH)
     console.print(Text(printable(_result(summary)), style="bold"), soft_wrap=True)
     table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "touched", "sent B"])
     for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):

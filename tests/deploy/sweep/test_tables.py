@@ -135,15 +135,17 @@ def test_a_group_that_is_named_is_left_out_of_the_pairs(tmp_path: Path) -> None:
     assert time[0] == '{"r1": "a:A"}' and time[2] == 2
 
 
-def test_the_mind_of_one_robot_is_compared_with_another(tmp_path: Path) -> None:
+@pytest.mark.parametrize("who", ["r1", "*"])
+def test_the_mind_of_one_robot_or_of_all_is_compared_with_another(who: str, tmp_path: Path) -> None:
     """Their hashes differ with them, and are no setting."""
     store = Store(tmp_path, "abc")
     for seed in range(2):
-        for mind, hashed in (({}, ""), ({"r1": "a:A"}, "aaaa"), ({"r1": "b:B"}, "bbbb")):
+        for mind, hashed in (({}, ""), ({who: "a:A"}, "aaaa"), ({who: "b:B"}, "bbbb")):
             settings = {"settings": json.dumps({"mind": mind, "seed": seed}), "mind.hash": hashed}
             store.keep(row(2, seed, 1.0, 2.0) | settings | {"key": f"{seed}-{hashed}"})
-    assert compare(f"{tmp_path}:mind.r1=a:A", f"{tmp_path}:mind.r1=b:B", ["team.t_90"]).lines[0][1] == 2
-    sheet = against(select(str(tmp_path))[0], "mind.r1=a:A", ["team.t_90"])
+    one, other = f"mind.{who}=a:A", f"mind.{who}=b:B"
+    assert compare(f"{tmp_path}:{one}", f"{tmp_path}:{other}", ["team.t_90"]).lines[0][1] == 2
+    sheet = against(select(str(tmp_path))[0], one, ["team.t_90"])
     assert [(line[0], line[2]) for line in sheet.lines] == [("", 2), ("b:B", 2)]
 
 

@@ -78,6 +78,20 @@ def test_the_result_comes_first_and_each_pair_is_a_line_of_80_columns(
     assert "accepted: " in rest[-1]
 
 
+def test_figures_are_whole_in_a_narrow_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They were cut off."""
+    monkeypatch.setenv("COLUMNS", "40")
+    figures = {"coverage": 1.0, "t_90": 1234.5, "t_99": 2345.6, "path_m": 123.4, "bytes_sent": 98765}
+    (tmp_path / "summary.json").write_text(json.dumps({"robots": {"r1": {"ended": "interrupted", **figures}}}))
+    print_summary(tmp_path)
+    assert {"100.0%", "1234.5", "2345.6", "123.4", "98765"} <= set(capsys.readouterr().out.split())
+    counts = {"scans": 12345, "path_m": 123.4, "loops": 17, "map_bytes": 2345, "step_ms_median": 1.5, "step_ms_99": 9.5}
+    print_mapped(tmp_path, {"robots": {"r1": {"log": "logs/intel.log.gz", "skipped": {}, "notes": [], **counts}}})
+    assert {"12345", "123.4", "17", "2345", "1.5", "9.5"} <= set(capsys.readouterr().out.split())
+
+
 def test_pairs_of_many_robots_are_listed_when_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (run := tmp_path / "my run").mkdir()
     write(run, 7)
