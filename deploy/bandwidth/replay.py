@@ -18,7 +18,7 @@ from deploy.config import RunConfig
 from deploy.report.rundir import BROKEN, read_trajectory, read_truth
 from protocol.arrays import Floats
 from protocol.configuration import ConfigError, validated
-from protocol.document import read_lines
+from protocol.document import read_lines, read_text
 from protocol.errors import InputError
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
@@ -37,6 +37,7 @@ class Seen:
     lidar: LidarSpec
     poses: Floats  # (t, 3) true poses in the robot's own frame: metres, radians
     ranges: NDArray[np.float32]  # (t, beams) metres, as in an observation
+    begin: int  # tick of the first scan that it had joined to read; len(ranges) where it never joined
 
     def rays(self, ticks: slice) -> Floats:
         """(n, beams, 3) how the beams of these ticks began and pointed, in the robot's own frame."""
@@ -59,14 +60,16 @@ def config_of(run: Path) -> RunConfig:
 
 def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     """What each robot of a run directory saw. Raises NoRunError."""
-    check_has(run, "world.yaml", "truth.json", "events.jsonl")
+    check_has(run, "world.yaml", "truth.json", "events.jsonl", "summary.json")
     try:
         world = load(str(run / "world.yaml"))
         frames = {robot: frame.tolist() for robot, frame in read_truth(run / "truth.json")[0].items()}
         if not frames or not frames.keys() <= set(config.robot_ids):
             raise ValueError("truth.json names other robots than manifest.json")
         tracks = {robot: read_track(run / "trajectories" / f"{robot}.tum") for robot in frames}
-        ends = _deaths(run / "events.jsonl")
+        begins, ends = _lives(run / "events.jsonl")
+        figures = json.loads(read_text(run / "summary.json"))["robots"]
+        never = {robot for robot in frames if not figures[robot]["coverage"]}  # joined, as no event tells
     except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     lidar = Lidar(world.segments, config.spec.lidar, one_sided=True)
@@ -90,10 +93,11 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
             scans[robot][tick] = ranges
     found = {}
     for robot, count in ticks.items():
+        begin = count if robot in never else min(begins.get(robot, 0), count)
         own = [relative(frames[robot], pose) for pose in tracks[robot][:count].tolist()]
         poses = np.array(own).reshape(-1, 3)
         poses[:, 2] = np.unwrap(poses[:, 2])
-        found[robot] = Seen(config.spec.lidar, poses, scans[robot])
+        found[robot] = Seen(config.spec.lidar, poses, scans[robot], begin)
     return found
 
 
@@ -107,10 +111,12 @@ def read_track(file: Path) -> Floats:
     return np.column_stack([poses[:, 1:3], np.unwrap(poses[:, 3])])
 
 
-def _deaths(file: Path) -> dict[str, int]:
-    """The tick at which each dead robot died. Raises one of BROKEN."""
-    events = map(json.loads, read_lines(file))
-    ends = {str(event["robot"]): event["tick"] for event in events if event["event"] == "dead"}
-    if not all(type(tick) is int and tick >= 0 for tick in ends.values()):
-        raise ValueError(f"{file.name}: a robot died at no tick")
-    return ends
+def _lives(file: Path) -> tuple[dict[str, int], dict[str, int]]:
+    """The tick at which each robot that was late joined, and at which each dead one died. Raises one of BROKEN."""
+    lives: dict[str, dict[str, int]] = {"joined": {}, "dead": {}}
+    for event in map(json.loads, read_lines(file)):
+        if event["event"] in lives:
+            lives[event["event"]].setdefault(str(event["robot"]), event["tick"])
+    if not all(type(tick) is int and tick >= 0 for ticks in lives.values() for tick in ticks.values()):
+        raise ValueError(f"{file.name}: a robot joined or died at no tick")
+    return lives["joined"], lives["dead"]

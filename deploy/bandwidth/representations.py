@@ -189,7 +189,7 @@ class _Forms:
         self._seen = seen
         self._talk = config.agent.radio if isinstance(config, RunConfig) else TalkConfig()
         self._grid = OccupancyGrid((*low.tolist(), *high.tolist()), CELL_M, reach)
-        self._next = 0  # tick of the first scan that is not in the grid
+        self._next = seen.begin  # tick of the first scan that is not in the grid
         self._told: dict[str, tuple[int, States]] = {}
         """Per peer the tick after its last update, and the grid as it was."""
 
@@ -210,7 +210,7 @@ class _Forms:
             raise InputError(f"updates.jsonl: {line.robot} told no map at tick {tick} ({error})") from None
         updates = []
         for peer in line.told:
-            since, before = self._told.get(peer, (0, np.zeros_like(states)))
+            since, before = self._told.get(peer, (self._seen.begin, np.zeros_like(states)))
             scans = self._seen.ranges[since : tick + 1]
             part = {"scans_raw": scans.nbytes, "scans_zlib": len(zlib.compress(scans.tobytes(), 6))}
             part["grid_delta_zlib"] = _changed_cells(before, states)

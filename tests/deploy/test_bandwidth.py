@@ -29,12 +29,13 @@ from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
 from deploy.sensing import IDEAL
-from protocol.messages import EVERYONE, Heard, Observation, RobotSpec, Send
+from protocol.messages import EVERYONE, Action, Heard, Observation, RobotSpec, Send
 from tests.tiny import tiny_config
 from world.checkpoint import Checkpoint
 from world.episode import Episode
 from world.radio.config import RadioConfig
 from world.radio.gate import Radio
+from world.tick import Outputs
 
 
 class Kept:
@@ -293,3 +294,23 @@ def test_a_run_that_was_killed_is_told_how_to_end(tmp_path: Path) -> None:
     Checkpoint(tmp_path).begin({})
     with pytest.raises(NoRunError, match=r"is no finished run: its world was killed; `wireswarm finish .*` ends it$"):
         read_books(tmp_path)
+
+
+def test_scans_of_a_robot_that_has_not_joined_are_no_part_of_its_map(tmp_path: Path) -> None:
+    config, out = tiny_config(tmp_path, until=4.0, spec=IDEAL), tmp_path / "run"
+    episode = Episode(config, out)
+    episode.arrive("r1", "its process")  # and r3 never comes
+    while episode.ended is None:
+        if episode.tick == 10:
+            episode.arrive("r2", "its process")
+            episode.happened("r2", "joined", "its process is ready")
+        still = Outputs([], Action(tick=episode.tick, speed_mps=0.0, turn_rps=0.0), None)
+        episode.advance(dict.fromkeys(episode.live, still))
+    episode.close()
+    wall = {"vertices": [[0, 0], [1, 0]], "labels": ["nominal"] * 2, "edges": [[0, 1]], "edge_likelihood": [1.0]}
+    line = {"t": 3.0, "tick": 15, "robot": "r2", "told": ["r1"], "map": wall}
+    (out / "updates.jsonl").write_text(json.dumps(line) + "\n")
+    assert [seen.begin for seen in seen_again(out, config).values()] == [0, 10, 21]
+    measured = measure(out, config)
+    assert measured.explored_m2["r1"] > 1.0 < measured.explored_m2["r2"] and measured.explored_m2["r3"] == 0.0
+    assert measured.totals()["scans_raw"] == 6 * 360 * 4
