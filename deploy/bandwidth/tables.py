@@ -7,6 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 from rich.text import Text
 
+from deploy import manifest
 from deploy.bandwidth.replay import config_of
 from deploy.bandwidth.representations import FORMS, Measurement
 from deploy.sensing import named
@@ -14,16 +15,18 @@ from deploy.terminal.console import Terminal
 from deploy.terminal.tables import add_row
 from protocol.text import printable
 
+BY_DEFAULT = "the whole map anew, by default settings"
 WIDTH = 110  # characters that a line needs
 MANY_LINKS = 12  # more links than that are in the JSON only
 
 
 def document(run: Path, measurement: Measurement) -> dict[str, Any]:
-    """All figures of a run."""
+    """All figures of a run. full_by_default: its robots' settings are not on record, as by `wireswarm world`."""
     totals = measurement.totals()
     ratios = {name: round(totals["delta"] / size, 6) if size else None for name, size in totals.items()}
-    sensing = named(config_of(run).spec)
-    return {"run": str(run), "sensing": sensing, **measurement.books, **measurement.as_dict(), "delta_against": ratios}
+    config = manifest.read(run)["config"]
+    about = {"run": str(run), "sensing": named(config_of(run).spec), "full_by_default": "agent" not in config}
+    return {**about, **measurement.books, **measurement.as_dict(), "delta_against": ratios}
 
 
 def print_tables(figures: dict[str, Any]) -> None:
@@ -86,7 +89,8 @@ def _wire(wire: dict[str, Any]) -> Table:
 def _representations(figures: dict[str, Any]) -> Table:
     table = _table("Map traffic", "form", "bytes", "per update", "per m2 explored", "delta / it", "is")
     area = sum(figures["explored_m2"].values())
-    for name, meaning in FORMS.items():
+    meanings = FORMS | ({"full": BY_DEFAULT} if figures["full_by_default"] else {})
+    for name, meaning in meanings.items():
         size, ratio = figures["representations"][name], figures["delta_against"][name]
         each = f"{size / figures['updates']:,.1f}" if figures["updates"] else "-"
         per_area = f"{size / area:,.2f}" if area else "-"

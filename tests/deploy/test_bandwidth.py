@@ -25,6 +25,7 @@ from deploy.bandwidth.plots import draw
 from deploy.bandwidth.pool import processes
 from deploy.bandwidth.replay import config_of, seen_again
 from deploy.bandwidth.representations import NAMES, Measurement, _changed_cells, measure, write
+from deploy.bandwidth.tables import document, print_tables
 from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
@@ -217,8 +218,19 @@ def test_the_command_prints_and_keeps_the_figures(recorded: tuple[Path, RunConfi
     assert kept["beacon_bytes"] > 0
     assert (out / "bandwidth.png").read_bytes().startswith(b"\x89PNG")
     table = CliRunner().invoke(app, ["bandwidth", str(out)]).stdout
-    assert all(name in table for name in NAMES) and "beacon" in table
+    assert all(name in table for name in NAMES) and "beacon" in table and "coded as ours" in table
     read_books(out)  # still balanced
+
+
+def test_without_settings_of_the_robots_the_table_says_by_what_full_is_coded(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, _, _ = recorded
+    told = json.loads((out / "manifest.json").read_text())
+    del told["config"]["agent"]  # as `wireswarm world` writes it
+    (tmp_path / "manifest.json").write_text(json.dumps(told))
+    print_tables(document(tmp_path, Measurement([], [], 0, 0, 0, {}, read_books(out))))
+    assert "the whole map anew, by default settings" in capsys.readouterr().out
 
 
 def test_each_file_is_read_once(

@@ -262,7 +262,7 @@ def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.Monkey
         "from deploy.bench.benchmark import report; report('lidar', {}, 'ideal', [], {}, folder / 'lidar.json')",
         "from deploy.bandwidth.tables import FORMS, print_tables; none = dict.fromkeys(FORMS, 0); "
         "print_tables(dict(run='run', updates=0, sensing='ideal', robots={}, links=[], explored_m2={}, beacon_bytes=0, "
-        "frame_bytes=0, viewpoint_bytes=0, representations=none, delta_against=none))",
+        "full_by_default=True, frame_bytes=0, viewpoint_bytes=0, representations=none, delta_against=none))",
     ],
 )
 def test_words_that_nobody_reads_end_nothing(says: str, tmp_path: Path) -> None:
