@@ -4,7 +4,8 @@ import errno
 import os
 import secrets
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 
@@ -80,6 +81,13 @@ def write_whole(file: Path, content: str | bytes, *, private: bool = False, dura
             part.unlink(missing_ok=True)
     except OSError as error:
         raise UnwritableError((file, error.strerror or str(error))) from error
+
+
+def remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders, from the inside out, up to the first that is not empty."""
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 def remove_parts(folder: Path) -> None:

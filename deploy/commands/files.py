@@ -94,24 +94,24 @@ def map_(
     refer(team, reference or [])
     rehearse_carried()
     gc.freeze()  # what is loaded lives on: looking it through for garbage took 60 ms of a scan
-    with run_directory(out, "", 0) as directory, on_interrupt(partial(_leave, directory)):
+    with run_directory(out, "", 0) as (directory, made), on_interrupt(partial(_leave, directory, made)):
         summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
         print_mapped(directory, summary)
         tell(printable(str(write_report(directory))))
 
 
-def _leave(out: Path) -> None:
-    """End at once; where no map is written yet, nothing stays that would keep the same command from it."""
+def _leave(out: Path, made: list[Path]) -> None:
+    """End at once; where no map is written yet, nothing stays, of the folders that were `made` neither."""
     from deploy import manifest
     from deploy.launch import forks
-    from protocol.files import remove_parts
+    from protocol.files import remove_empty, remove_parts
 
     with suppress(OSError):
         remove_parts(out)
         if any(file.name != manifest.FILE for file in out.iterdir()):
-            results.leave(out)
+            results.leave(out, made)
         manifest.withdraw(out)
-        out.rmdir()
+        remove_empty(made)
     say(f"interrupted before a map was written to {out}")
     forks.leave(Status.INTERRUPTED)
 

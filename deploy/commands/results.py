@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,20 +90,22 @@ def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) ->
     return Status.FAILURE if status == Status.OK and len(made) < len(makers) else status
 
 
-def leave(run: Path) -> None:
-    """End at once, also in the midst of drawing: libraries drop what is raised, and a run that ended needs no more."""
+def leave(run: Path, made: list[Path]) -> None:
+    """End at once, also in the midst of drawing: libraries drop what is raised, and a run that ended needs no more.
+
+    made: the folders that were made for it, which go where nothing was run.
+    """
     from deploy import manifest
     from deploy.launch import forks
     from protocol.errors import InputError
-    from protocol.files import remove_parts
+    from protocol.files import remove_empty, remove_parts
 
     why = f"interrupted before the report was written; `wireswarm report {shlex.quote(str(run))}` writes it"
     try:
         remove_parts(run)
         manifest.interrupt(run, why)
     except (OSError, InputError):  # nothing was run yet
-        with suppress(OSError):
-            run.rmdir()
+        remove_empty(made)
     else:
         say(why)
     forks.leave(Status.INTERRUPTED)

@@ -87,8 +87,8 @@ def run(
         settings, bodies = _of_ros2(settings)
     say_doubts(settings.spec)
     with (
-        run_directory(out, settings.world, settings.seed) as directory,
-        on_interrupt(partial(leave, directory)),
+        run_directory(out, settings.world, settings.seed) as (directory, made),
+        on_interrupt(partial(leave, directory, made)),
         beside(directory) if view else nullcontext(),
     ):
         with Display(settings.world, str(settings.radio), quiet) as display:

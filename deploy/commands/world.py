@@ -112,8 +112,8 @@ def world_(
         standing.update(progress.clock.status)
 
     goes_on, router = resume is not None, settings.server.connect is not None
-    place = nullcontext(resume) if resume else run_directory(out, settings.world, settings.seed)
-    with place as directory, credentials.of_all(settings.robot_ids, secrets, certs, world=router) as known:
+    place = nullcontext((resume, list[Path]())) if resume else run_directory(out, settings.world, settings.seed)
+    with place as (directory, made), credentials.of_all(settings.robot_ids, secrets, certs, world=router) as known:
         if not goes_on:
             begin(settings)
         try:
@@ -141,7 +141,7 @@ def world_(
         manifest.finish(directory, ended=ended, exit_status=status)
     tell(f"ended: {ended}; {printable(str(directory))}")
     if status != Status.INTERRUPTED:
-        with on_interrupt(partial(leave, directory)):
+        with on_interrupt(partial(leave, directory, made)):
             status = write_results(directory, status=status)
     raise Exit(status)
 

@@ -26,7 +26,7 @@ from deploy.launch.processes import ENDED, FAILED, OPENED, PROGRESS, REFUSED, ST
 from deploy.view.invitation import invite, withdraw
 from protocol.configuration import ConfigError
 from protocol.errors import InputError
-from protocol.files import UnwritableError, remove_parts
+from protocol.files import UnwritableError, remove_empty, remove_parts
 from protocol.inbox import SIGNAL_S
 from protocol.messages import Progress
 from protocol.secrets import new_secrets
@@ -63,10 +63,11 @@ class Child(NamedTuple):
 
 
 @contextmanager
-def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[Path]:
+def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[tuple[Path, list[Path]]]:
     """Make the run directory: the one asked for, which must be empty, or runs/WORLD-SEED, -2, -3, ...
 
-    Folders that were made and stay empty are removed again. Raises ConfigError where it is taken or cannot be made.
+    With it come the folders that were made, from the inside out; those that stay empty are removed at the end, and are
+    to be removed by who ends the process before. Raises ConfigError where it is taken or cannot be made.
     """
     default = (Path("runs", f"{Path(world).stem}-{seed}" + (f"-{k}" if k > 1 else "")) for k in range(1, MAX_RUNS))
     try:
@@ -83,11 +84,9 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[Path]:
     except OSError as error:
         raise ConfigError(f"--out {asked or out}: {error.strerror}; name a directory that can be written") from None
     try:
-        yield out
+        yield out, made
     finally:
-        with suppress(OSError):  # something is in it
-            for folder in made:
-                folder.rmdir()
+        remove_empty(made)
 
 
 def launch(

@@ -15,8 +15,10 @@ import yaml
 from typer.main import get_command
 
 from deploy import cli, manifest
+from deploy.commands.results import leave
 from deploy.commands.run import _as_called
 from deploy.config import RunConfig, load
+from deploy.launch import forks
 from deploy.launch.launcher import run_directory
 from deploy.sensing import named
 from protocol.configuration import OF_A_RUN, ConfigError
@@ -301,7 +303,7 @@ def test_run_directories_are_numbered(monkeypatch: pytest.MonkeyPatch, tmp_path:
     monkeypatch.chdir(tmp_path)
     names = []
     for world in ("maze-15", "maze-15", "some/maze-15.yaml"):
-        with run_directory(None, world, 4) as out:
+        with run_directory(None, world, 4) as (out, _):
             (out / "manifest.json").touch()
             names.append(str(out))
     assert names == ["runs/maze-15-4", "runs/maze-15-4-2", "runs/maze-15-4-3"]
@@ -330,12 +332,24 @@ main()
 
 
 def test_a_run_directory_that_stays_empty_is_removed_with_the_folders_made_for_it(tmp_path: Path) -> None:
-    with run_directory(tmp_path / "a" / "b", "maze-15", 0) as out:
+    with run_directory(tmp_path / "a" / "b", "maze-15", 0) as (out, _):
         assert out.is_dir()
     assert list(tmp_path.iterdir()) == []
     with run_directory(tmp_path, "maze-15", 0):
         pass
     assert tmp_path.is_dir()
+
+
+def test_an_interrupted_command_that_had_not_begun_removes_what_it_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder above stayed, and one that had been there went."""
+    monkeypatch.setattr(forks, "leave", lambda status: None)
+    (out := tmp_path / "a" / "b").mkdir(parents=True)
+    leave(out, [])
+    assert out.is_dir()
+    leave(out, [out, out.parent])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:

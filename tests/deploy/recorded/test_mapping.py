@@ -59,9 +59,10 @@ def test_an_interrupted_command_says_so_and_leaves_no_stub(
     tmp_path: Path, written: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """It ended without a word, and its manifest kept the same command from its directory."""
+    out = tmp_path / "new" / "my run"
 
     def stop(*_: object, **__: object) -> Any:
-        raise RuntimeError("left")
+        raise RuntimeError("left", out.parent.exists())
 
     def map_logs(logs: object, config: AgentConfig, directory: Path, **_: object) -> None:
         manifest.begin(directory, {})
@@ -72,15 +73,14 @@ def test_an_interrupted_command_says_so_and_leaves_no_stub(
     record(tmp_path / "1.log", 1)
     monkeypatch.setattr(forks, "leave", stop)
     monkeypatch.setattr(mapping, "map_logs", map_logs)
-    out = tmp_path / "my run"
-    with pytest.raises(RuntimeError, match="left"):
+    with pytest.raises(RuntimeError) as left:
         app(["map", str(tmp_path / "1.log"), "--out", str(out)], standalone_mode=False)
+    assert left.value.args == ("left", written)
     said = capfd.readouterr().err.splitlines()[-1]  # after changed kernels it says first that it compiles them
     if written:
         assert manifest.read(out)["ended"] == "interrupted"
         assert said == f"wireswarm: interrupted before the report was written; `wireswarm report '{out}'` writes it"
     else:
-        assert not out.exists()
         assert said == f"wireswarm: interrupted before a map was written to {out}"
 
 
