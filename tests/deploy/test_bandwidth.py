@@ -326,3 +326,6 @@ def test_scans_of_a_robot_that_has_not_joined_are_no_part_of_its_map(tmp_path: P
     measured = measure(out, config)
     assert measured.explored_m2["r1"] > 1.0 < measured.explored_m2["r2"] and measured.explored_m2["r3"] == 0.0
     assert measured.totals()["scans_raw"] == 6 * 360 * 4
+    (out / "updates.jsonl").write_text(json.dumps(line | {"map": 7}) + "\n")
+    with pytest.raises(NoRunError, match=r"no finished run: updates\.jsonl: map: Input should be"):
+        measure(out, config)
