@@ -65,6 +65,9 @@ class News(NamedTuple):
     """Where it says that the robot's own frame lies in its frame, where it has merged the robot's map."""
     others: Mapping[str, Pose | None] = NOBODY
     """Where it says that the frames of others lie in its own; None of whom it has taken that back."""
+    anew: int | None = None
+    """Where it says that it has begun anew: the tick from which on its maps may be those of its new process. It may go
+    on from a checkpoint, in the same frame, or begin in another one."""
 
 
 class Exchange:
@@ -143,6 +146,8 @@ class Exchange:
                     one = one._replace(frame=said.frame or one.frame)
                 case ToldFrames():
                     one = one._replace(others={**one.others, **said.of})
+                case Contact():  # a contact begins after silence, and no message is under way for longer
+                    one = one._replace(anew=said.since - self._silence_ticks)
             news[peer] = one
         for peer, why in refused.items():  # not in each tick, as there is room for so many events only
             if tick - self._refused.get(peer, LONG_AGO) >= self._period_ticks:
@@ -160,8 +165,11 @@ class Exchange:
 
     def _take(
         self, tick: int, peer: str, message: Heard
-    ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | None:
-        """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one."""
+    ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | Contact | None:
+        """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one.
+
+        A contact is that which ends, as the peer has begun anew.
+        """
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
         if message.kind in (MAP, DELTA, RESEND):
@@ -176,7 +184,7 @@ class Exchange:
             return new
         if message.kind == ACK:
             if self._told[peer].take_ack(Ack.decode(message.payload)):
-                self.contacts.pop(peer, None)  # it knows nothing of the robot any more: it is met anew
+                return self.contacts.pop(peer, Contact(tick, tick))  # it knows nothing of the robot: it is met anew
             return None
         if message.kind == VIEWS:
             views = decode_views(message.payload)

@@ -44,7 +44,7 @@ UNMERGE_M = 2.0
 UNMERGE_SHARE = 0.2
 """... and its least share of what own scans looked at."""
 REFUSED_MAPS = 5
-"""Newer maps in a row that contradict the own map before a merge is undone."""
+"""Newer maps in a row that contradict the own map before a merge is undone; one where its peer was started anew."""
 REJECTED_GROWTH = 0.3
 """After a rejection or an undone merge, one map must gain this share of its walls before the pair is aligned again."""
 REFINED_DEG = 5.0
@@ -127,6 +127,15 @@ def moved(peer: Merged, by: Pose) -> Merged:
     transform = np.array(compose(by, pose_of(peer.transform)))
     laid = _laid(peer.map, transform, peer.walls)
     return replace(peer, fit=peer.fit._replace(transform=transform), laid=laid, updated=LONG_AGO, watch=Watch())
+
+
+def doubted(peer: Merged, tick: int) -> Merged:
+    """The peer as one that was merged just now, and on whose merge its next map decides: it was started anew.
+
+    From a checkpoint it goes on in the same frame.
+    """
+    peer.log.map_is_news &= not peer.log.map_is_old
+    return replace(peer, since=tick, refused=REFUSED_MAPS - 1)
 
 
 def _fitted(peer: Merged, received: ReceivedMap, fit: WallFit) -> Merged:

@@ -57,6 +57,8 @@ class PeerLog:
     """Whether this map was neither aligned nor merged yet."""
     map_is_old: bool = False
     """Whether the peer was started anew since it told this map: its places are in another frame."""
+    began_anew: bool = False
+    """Whether it ever said that it was started anew: what thirds say of it may be of its frame before."""
     views: PeerViews = field(default_factory=PeerViews)
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be."""
@@ -149,6 +151,21 @@ class PeerLog:
             elif name in self.frames or len(self.frames) < MAX_ROBOTS:
                 self.frames[name] = np.array(frame)
 
+    def begin_anew(self, since: int) -> None:
+        """The peer was started anew, or its map moved as if: what it told before, and was seen of it, holds no more.
+
+        since: tick from which on its maps may be of the frame that it has now.
+        """
+        self.sightings.clear()
+        self.sighting_is_news, self.explained, self.explained_by_proposal = False, 0, 0
+        self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
+        self.thirds_on_trial, self.thirds_tried, self.thirds_map, self.circles_open = 0, None, None, 0
+        self.encounters, self.aligned_walls, self.growth = [], (0, 0), 0.0
+        if self.map is not None and self.map.tick < since:
+            self.map_is_old = True
+        if self.waiting is not None and self.waiting.tick < since:
+            self.waiting, self.waits = None, False
+
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick; and of the first messages of a contact where both were.
 
@@ -159,11 +176,7 @@ class PeerLog:
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
         jump_m = math.dist(sighting.theirs[:2], self.pose[:2]) if self.pose_tick >= 0 else 0.0  # none from nowhere
         if jump_m > MOST_SPEED * may_have_driven + DISC_MOVED_M:
-            self.sightings.clear()  # it was started anew, in another frame
-            self.explained = self.explained_by_proposal = 0
-            self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
-            self.thirds_on_trial, self.thirds_tried = 0, None
-            self.encounters, self.aligned_walls, self.growth, self.map_is_old = [], (0, 0), 0.0, True
+            self.begin_anew(self.pose_tick + 1)
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

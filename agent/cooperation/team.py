@@ -21,6 +21,7 @@ from agent.cooperation.merging import (
     REFUSED_MAPS,
     REJECTED_GROWTH,
     contradiction,
+    doubted,
     hide_seen_through,
     merge,
     moved,
@@ -139,11 +140,13 @@ class Team:
         self._lately.append(PastScan(tick, here, apply(here, scan.discs), scan))
         alone = self._hears_one(tick, told)
         for news in told:
-            peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
-            peer.log.take_contact(tick, news.since, self._ticks(KNOWN_S))
+            log = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer))).log
+            log.take_contact(tick, news.since, self._ticks(KNOWN_S))
+            if news.anew is not None:
+                self._begin_anew(tick, log, news.anew)
             if (beacon := news.beacon) is not None:
-                self._take_beacon(tick, peer, news.since, beacon, alone)
-            self._take_word(tick, peer.log, news)
+                self._take_beacon(tick, log, news.since, beacon, alone)
+            self._take_word(tick, log, news)
         self._take_maps(own)
         if self._looks.take_due(tick):
             for proposed in self.proposed:
@@ -174,9 +177,22 @@ class Team:
         self.views.mend()
         self.views.gather(self.merged if self.config.division else [])
 
-    def _take_beacon(self, tick: int, peer: Peer, since: int, beacon: Beacon, alone: bool) -> None:
+    def _begin_anew(self, tick: int, log: PeerLog, since: int) -> None:
+        """A peer was started anew: what is on trial ends, and its next map decides on a merge. since: as of the log.
+
+        A jump of its place alone may come of a loop that it has closed.
+        """
+        log.begin_anew(since)
+        log.began_anew = True
+        peer = self.peers[log.name]
+        if isinstance(peer, Proposed):
+            self._reject(peer, "it was started anew")
+        elif isinstance(peer, Merged):
+            self._replace(peer, doubted(peer, tick))
+
+    def _take_beacon(self, tick: int, log: PeerLog, since: int, beacon: Beacon, alone: bool) -> None:
         """Keep where a peer says that it was, if that is new; it is a sighting where a scan of then is known."""
-        log, pose_tick = peer.log, min(beacon.tick, tick)  # nobody is ahead of time
+        pose_tick = min(beacon.tick, tick)  # nobody is ahead of time
         if pose_tick <= log.pose_tick:
             return
         past = self._scan_of(beacon.tick)
@@ -186,6 +202,7 @@ class Team:
         if past is None:
             return
         log.take_sighting(sighting)
+        peer = self.peers[log.name]
         if isinstance(peer, Proposed):
             self._weigh(peer.trial, sighting)
         elif isinstance(peer, Merged) and self.config.verification.discs:
@@ -429,7 +446,7 @@ class Team:
         """Accept and reject the proposals whose evidence suffices."""
         for peer in self.proposed:
             verdict, spare = peer.trial.verdict, peer.trial.weight - self.config.verification.accept
-            must_overlap = not peer.trial.thirds_suffice
+            must_overlap = peer.log.began_anew or not peer.trial.thirds_suffice
             if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, must_overlap, spare):
                 self._reject(peer, "its walls do not fit")
             elif verdict:

@@ -56,6 +56,8 @@ class Pair:
         self.flying: list[tuple[int, str, Send]] = []
         self.sent: list[tuple[int, str, Send]] = []
         self.events: list[tuple[int, str, str]] = []
+        self.anew: list[tuple[int, str, int]] = []
+        """Who was told when that the other has begun anew, and from which tick on its maps may be new."""
         self.maps: dict[tuple[str, str], ReceivedMap] = {}
         """The newest map that was received, by receiver and sender."""
 
@@ -77,6 +79,7 @@ class Pair:
                 ]
                 told, events = robot.hear(self.tick, heard)
                 self.maps |= {(name, news.peer): news.map for news in told if news.map is not None}
+                self.anew += [(self.tick, name, news.anew) for news in told if news.anew is not None]
                 for event in events:
                     self.events.append((self.tick, name, event.event))
                 mine = (self.map, self.state) if name == "a" else (comb(0), 0)
@@ -277,17 +280,29 @@ def test_a_peer_that_begins_anew_gets_a_map_that_does_not_change(away: int) -> N
 
 
 @pytest.mark.parametrize("rooms", [20, 21])
-def test_a_peer_that_begins_anew_is_met_anew(rooms: int) -> None:
+@pytest.mark.parametrize("away", [0, 100])
+def test_a_peer_that_begins_anew_is_met_anew(rooms: int, away: int) -> None:
     """Of two that had merged, one that was started anew within 5 s was told late, or never, of its frame."""
     pair = Pair(wants_maps=True)
     pair.show(comb(20))
     pair.run(30)
+    pair.run(away, cut=True)
     pair.robots["b"] = pair.new()
     pair.show(comb(rooms))
     pair.run(100)
     began = [tick for tick, name, what in pair.events if (name, what) == ("a", "contact")]
-    assert len(began) == 2 and 30 < began[1] < 80
-    assert pair.robots["a"].contacts["b"].since == began[1]
+    assert len(began) == (3 if away else 2) and 30 + away < began[-1] < 80 + away
+    assert pair.robots["a"].contacts["b"].since == began[-1]
+    silence = round(TalkConfig().silence_s * RATE_HZ)
+    assert pair.anew == [(began[-1], "a", began[-2] - silence)]
+
+
+def test_nobody_begins_anew_where_messages_are_lost_and_contact_breaks() -> None:
+    pair = Pair(seed=1, loss=0.5, latency=5, wants_maps=True)
+    for rooms in range(1, 20):
+        pair.show(comb(rooms))
+        pair.run(20, cut=rooms % 5 == 0)
+    assert "lost" in {what for _, _, what in pair.events} and not pair.anew
 
 
 def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:

@@ -166,6 +166,19 @@ def test_three_that_agree_suffice_without_a_drive_even_where_the_peer_has_seen_o
     assert team.errand is None
 
 
+def test_who_was_started_anew_must_have_walls_in_common_whatever_thirds_say() -> None:
+    """They may tell of its frame before, in which its first few walls contradict nothing."""
+    team = team_of(dict.fromkeys("abc", PEER))
+    log = met(team).log
+    log.began_anew = True
+    half = room()
+    half.own[: len(WALLS) // 2] = False
+    team.align_maps(1, half)
+    team.judge(1, half, (0.0, 0.0, 0.0))
+    said = [(event.event, event.data["reason"]) for event in team.events]
+    assert said == [("proposed", "told by thirds"), ("rejected", "its walls do not fit")]
+
+
 def test_thirds_are_asked_anew_about_who_was_started_anew() -> None:
     """As many of them had agreed on where its frame was before."""
     team = team_of(dict.fromkeys("abc", PEER))
