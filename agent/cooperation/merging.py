@@ -46,7 +46,9 @@ UNMERGE_SHARE = 0.2
 REFUSED_MAPS = 5
 """Newer maps in a row that contradict the own map before a merge is undone; one where its peer was started anew."""
 REJECTED_GROWTH = 0.3
-"""After a rejection or an undone merge, one map must gain this share of its walls before the pair is aligned again."""
+"""After a rejection or an undone merge, one map must gain this share of its walls before the pair is aligned again.
+
+It counts from when the pair was aligned last, or own scans contradicted the merge."""
 REFINED_DEG = 5.0
 """A refinement that turns the transform by more than this is not believed."""
 AGREED_SHARE = 0.6

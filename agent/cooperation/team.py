@@ -154,7 +154,7 @@ class Team:
             if self.config.verification.ground:
                 view = view_of(scan, here, WALL_MARGIN_M)
                 for peer in self.peers.values():
-                    self._look(peer, view)
+                    self._look(peer, view, own)
 
     def mend(self, settled: Settled) -> None:
         """The robot's map was torn and is merged anew: peers' frames move as it did where each was last heard.
@@ -254,7 +254,7 @@ class Team:
         if peer.watch.missed >= EMPTY_LOOKS:
             self.undo(peer, "its place is empty", {"discs_missed": peer.watch.missed})
 
-    def _look(self, peer: Peer, view: View) -> None:
+    def _look(self, peer: Peer, view: View, own: Wireframe) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""
         if isinstance(peer, Proposed):
             peer.trial.look_at_walls(view)
@@ -263,6 +263,7 @@ class Team:
             if not peer.walls.take_doubt():
                 return
             if figures := contradiction(peer):
+                self.aligner.take_growth(peer.log, own)  # these maps and sightings would bring the same one back
                 self.undo(peer, "own scans contradict it", figures)
             else:
                 self._replace(peer, hide_seen_through(peer))

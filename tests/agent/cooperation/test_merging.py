@@ -5,16 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agent.alignment.config import AlignmentConfig
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.config import CooperationConfig, VerificationConfig
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.merging import merge, refit
-from agent.cooperation.peer import PeerLog, Peers, Proposed
+from agent.cooperation.merging import UNMERGE_M, merge, refit
+from agent.cooperation.peer import PeerLog, Peers, Proposed, Unaligned
 from agent.cooperation.peer_places import PeerPlaces
+from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
 from protocol.geometry import apply
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe, enclosed
+from tests.agent.alignment.test_by_sight import SCAN
+from tests.agent.cooperation.test_thirds import PEER, merged, room
 
 
 def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
@@ -31,6 +35,19 @@ def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
     peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, Wireframe())
     assert peer.laid.hidden.tolist() == [False, False, True]
     assert len(peer.laid.layer.pieces) == len(peer.laid.first_hand.pieces) == 2
+
+
+def test_what_own_scans_contradict_is_not_proposed_again_by_the_same_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They had grown since they were aligned last, before the merge: the same transform was merged again at once."""
+    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0))
+    team.peers["p"] = merged("p", PEER)
+    monkeypatch.setattr(WallEvidence, "take_doubt", lambda _: True)
+    monkeypatch.setattr(WallEvidence, "said", lambda *_: (0.0, 2 * UNMERGE_M))
+    team.hear(0, [], (4.0, 4.0, 0.0), SCAN, room())
+    assert [event.data["reason"] for event in team.events] == ["own scans contradict it"]
+    for tick in (0, 1):
+        team.align_maps(tick, room())
+        assert isinstance(team.peers["p"], Unaligned)
 
 
 def test_a_peer_far_from_the_walls_that_both_have_is_known_less_well() -> None:
