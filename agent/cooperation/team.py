@@ -6,6 +6,7 @@ given up. One pair of maps is aligned in a tick, and only where one of them has 
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -346,7 +347,21 @@ class Team:
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:
-            self._update(tick, merged, own)
+            self._take_last(tick, merged, own)
+
+    def _take_last(self, tick: int, peer: Merged, own: Wireframe) -> None:
+        """Take the last map of a merged peer, by an alignment where the transform does not fit, or else undo the merge.
+
+        A loop may have moved the walls of either; a fit finds those that are 0.2 m off at most.
+        """
+        maps, config = self.aligner.both(peer.log, own), self.aligner.config
+        new, figures = update(peer, tick, own, maps, config)
+        if new.refused > peer.refused and (said := self.aligner.align(peer.log, own)).transform is not None:
+            fit = peer.fit._replace(transform=np.array(said.transform))
+            new, figures = update(replace(peer, fit=fit), tick, own, maps, config)
+        self._replace(peer, new)
+        if new.refused > peer.refused:
+            self.undo(new, "its last map contradicts it", figures)
 
     def _align_by_word(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what the peer itself says, or thirds; true where walls were compared."""

@@ -86,6 +86,20 @@ def test_a_map_that_the_torn_one_contradicted_is_held_against_the_mended_one() -
     assert team.merged[0].map is last and team.merged[0].refused == 0
 
 
+@pytest.mark.parametrize(("by", "is_whole"), [((0.1, 0.05), True), ((0.5, 0.25), True), ((0.5, 0.25), False)])
+def test_at_the_end_of_a_log_a_merged_map_is_where_its_walls_are_or_is_left_away(by, is_whole) -> None:
+    """A loop that was closed after its peer was last heard left it where the torn map had been."""
+    team, proposed = team_with(150)
+    merged = team.merge(proposed, 150, MAP)
+    merged.log.encounters = [Encounter((1.5, 3.5, 0.0), (1.5, 5.5, 0.0))]
+    team._update(150, merged, MAP)
+    few = np.arange(len(MAP.own)) < 10  # too few for an alignment
+    last = replace(MAP, points=MAP.points + np.array(by), own=few | is_whole)
+    team.conclude(200, last)
+    assert [peer.transform[:2] for peer in team.merged] == ([pytest.approx(by, abs=0.01)] if is_whole else [])
+    assert ("unmerged" in [event.event for event in team.events]) is not is_whole
+
+
 def test_viewpoints_that_peers_know_already_are_told_again_where_they_are_now() -> None:
     team, proposed = team_with(150)
     team.merge(proposed, 150, MAP)
