@@ -331,9 +331,9 @@ class Explorer:
             self._events.append(self.goals.abandon(target.task.place, target.task.along, reason))
         elif target.task.kind == "errand":
             self._end_errand("no way")
+        elif target.task.kind == "home":
+            self.homing.give_up()
         else:
-            if target.task.kind == "home":
-                self._sd_at_home_m = math.inf
             self._done(target.task)
 
     def _end_errand(self, how: Literal["arrived", "no way"]) -> None:

@@ -82,6 +82,10 @@ class Homing:
             self._was_home = False
         self._heads_home = task.kind == "home"
 
+    def give_up(self) -> None:
+        """The way home has ended before home: it counts as left, whatever the robot does next."""
+        self._heads_home, self._left = False, self._left + 1
+
     def done(self, task: Task) -> None:
         """A task has ended: the robot stood where it asked, or could not."""
         if task.kind == "home":

@@ -24,7 +24,7 @@ from agent.exploration.teammates import Teammates
 from agent.mapping.submaps.segments import SEGMENT
 from agent.mapping.submaps.settled import Settled
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, pose_of
+from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Event, LidarSpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
@@ -530,6 +530,24 @@ def test_a_lost_robot_goes_on_home_where_a_wall_moves_into_its_path(barred):
         if reasons[-1] != "home":
             break
     assert len(reasons) == 11 if barred else math.hypot(*pose[:2]) < 0.1
+
+
+def test_a_lost_robot_goes_home_after_a_teammate_has_barred_its_way_for_a_while():
+    """It took itself to have been there, and never went home again."""
+    west = [(6, 0.3), (2, 0.3), (2, 2), (-2, 2), (-2, -2), (2, -2), (2, -0.3), (6, -0.3), (6, -2), (9, -2)]
+    rooms = chain(west, [(9, 2), (6, 2), (6, 0.3)], labels=Label.FRONTIER)
+    robot, pose, reasons = explorer(default_state="least-likely", pockets=False), np.array((5.2, 0.0, math.pi)), [""]
+    for tick in range(200):
+        mates = NOBODY if "retreat" in reasons else np.array([relative(pose_of(pose), (4.0, 0.0, 0.0))[:2]])
+        situation = Situation(tick, rooms, 1, pose_of(pose), Wireframe(), mates, pose_sd_m=0.2, map_sd_m=lambda: 1)
+        command = step(robot, situation)
+        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        if command.reason != reasons[-1]:
+            reasons.append(command.reason)
+        if len(reasons) > 3:
+            break
+    assert reasons[1:] == ["home", "retreat", "home"]
 
 
 @pytest.mark.parametrize("pockets", [False, True])

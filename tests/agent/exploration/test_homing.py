@@ -75,3 +75,14 @@ def test_a_way_home_that_is_left_again_and_again_for_other_goals_is_given_up(kin
         homing.pursue(Task(kind, np.zeros(2), np.zeros(2)))
         tries += 1
     assert tries == (1 if kind == "frontier" and not ends else 3) * MOST_LEFT
+
+
+def test_a_way_home_that_ends_before_home_is_tried_again_and_again_but_not_for_ever():
+    """A robot whose way home a teammate barred once took itself to have been there, and stayed away for good."""
+    homing, ways, tries = Homing(), [Roads(OPEN, np.array((3.0, 1.0)), 0.25)], 0
+    while tries < 3 * MOST_LEFT and (home := homing.home(lambda: 0.03, ways)) is not None:
+        homing.pursue(home.task)
+        homing.give_up()
+        homing.pursue(Task("frontier", np.zeros(2), np.zeros(2)))
+        tries += 1
+    assert tries == MOST_LEFT
