@@ -172,14 +172,19 @@ class LidarLog:
             return False
         return _contradicted(scan, *self._ends(1)) is None
 
+    def gap_s(self) -> float:
+        """Seconds from scan to scan up to which the log does not pause."""
+        return max(GAP_S, GAP_TIMES * median(self._steps_s() or [0.0]))
+
+    def _steps_s(self) -> list[float]:
+        return [b.time_s - a.time_s for a, b in pairwise(self.scans)]
+
     def note_odd(self) -> None:
         """Say how often the log pauses and jumps, whether it stands, and whether most of its scans are of no use."""
         if 2 * len(self.scans) < self._added:
             self.notes.append(f"only {len(self.scans)} of {self._added} scans are used")
-        times = [scan.time_s for scan in self.scans]
-        steps = [b - a for a, b in pairwise(times)]
-        usual = median(steps) if steps else 0.0
-        gaps = [step for step in steps if step > max(GAP_S, GAP_TIMES * usual)]
+        steps, gap_s = self._steps_s(), self.gap_s()
+        gaps = [step for step in steps if step > gap_s]
         if gaps:
             self.notes.append(f"{len(gaps)} gaps of {min(gaps):.1f} to {max(gaps):.1f} s between scans")
         ways = [math.dist(a.odometry[:2], b.odometry[:2]) for a, b in pairwise(self.scans)]

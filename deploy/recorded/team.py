@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 from warnings import catch_warnings
 
@@ -82,6 +81,8 @@ class Player:
     """Of each scan."""
     places: Floats
     """(scans, 2) by the reference, metres; NaN where that tells none."""
+    gap: float
+    """Ticks from scan to scan up to which the log does not pause."""
     inbox: list[Heard] = field(default_factory=list)
     done: int = 0
     """Scans."""
@@ -108,16 +109,19 @@ class Player:
         when = {"t": round(tick * period_s, 3), "tick": tick, "robot": self.name}
         self.events += [when | {"event": event.event} | event.data for event in events]
 
-    def hear(self, heard: Heard) -> None:
-        """Take a message, unless the log is over."""
-        if self.done < len(self.log.scans):
-            self.inbox.append(heard)
-            self.received_bytes += len(heard.payload)
+    def hears(self, tick: int, sender: "Player", range_m: float) -> bool:
+        """Whether a message sent now gets to the next scan: one that comes soon, and not out of range by the reference.
 
-    def in_reach(self, other: "Player", range_m: float) -> bool:
-        """Whether the two are in range of each other now, or nobody knows that they are not."""
-        here, there = (one.places[max(one.done - 1, 0)] for one in (self, other))
-        return not math.dist(here, there) > range_m
+        Who pauses is deaf: what was said meanwhile would count as heard where the log goes on.
+        """
+        if self.done == len(self.ticks) or self.ticks[self.done] - tick > self.gap:
+            return False
+        return not math.dist(self.places[self.done], sender.places[sender.done - 1]) > range_m
+
+    def hear(self, heard: Heard) -> None:
+        """Take a message."""
+        self.inbox.append(heard)
+        self.received_bytes += len(heard.payload)
 
 
 def play(
@@ -131,8 +135,9 @@ def play(
     times = [np.array([scan.time_s for scan in log.scans]) for log in logs]
     at_once = max(one[0] for one in times) < min(one[-1] for one in times)
     begins = [min(one[0] for one in times) if at_once else one[0] for one in times]
-    steps = [float(step) for one in times for step in np.diff(one) if step > 0]
-    period_s = min(max(median(steps) if steps else 1.0, 1 / RATES_HZ[1]), 1 / RATES_HZ[0])
+    steps = [step[step > 0] for step in map(np.diff, times)]
+    usual_s = min((float(np.median(own)) for own in steps if len(own)), default=1.0)  # of the fastest
+    period_s = min(max(usual_s, 1 / RATES_HZ[1]), 1 / RATES_HZ[0])
     places = [log.places() for log in logs]
     gated = all(np.isfinite(one).all() for one in places)
     players = []
@@ -140,7 +145,8 @@ def play(
         lidar = log.lidar.model_copy(update={"rate_hz": 1 / period_s})
         spec = RobotSpec(lidar=lidar, odometry=AS_TOLD, radio_range_m=range_m if gated else None)
         ticks = _ticks((times[k] - begins[k]) / period_s)
-        players.append(Player(f"r{k + 1}", log, Passenger(spec, config), ticks, places[k]))
+        gap = max(log.gap_s() / period_s, 1.0)
+        players.append(Player(f"r{k + 1}", log, Passenger(spec, config), ticks, places[k], gap))
     order = sorted((tick, k) for k, player in enumerate(players) for tick in player.ticks)
     for tick, turns in groupby(order, key=lambda turn: turn[0]):
         said = [(k, players[k].step(tick, period_s)) for _, k in turns]
@@ -160,7 +166,7 @@ def _ticks(moments: Floats) -> list[int]:
 
 def _deliver(tick: int, players: Sequence[Player], sender: Player, sends: Sequence[Send], range_m: float) -> None:
     for receiver in players:
-        if receiver is not sender and sends and sender.in_reach(receiver, range_m):
+        if receiver is not sender and sends and receiver.hears(tick, sender, range_m):
             for send in sends:
                 if send.to in (EVERYONE, receiver.name):
                     receiver.hear(Heard(tick=tick, sender=sender.name, kind=send.kind, payload=send.payload))

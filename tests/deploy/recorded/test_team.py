@@ -125,6 +125,32 @@ def test_logs_that_were_recorded_at_once_are_played_so() -> None:
     assert ticks == [[0, 10], [0, 0]]
 
 
+def along(times: Floats, xs: Floats) -> LidarLog:
+    """A log of scans at times (n,) from places x (n,), as its reference tells, too."""
+    ways = enumerate(zip(times.tolist(), xs.tolist(), strict=True))
+    scans = [Scan(k, t, np.full(HALF_TURN.beams, 2.0), (x, 0.0, 0.0)) for k, (t, x) in ways]
+    return LidarLog(HALF_TURN, "along", scans, reference={scan.number: scan.odometry[:2] for scan in scans})
+
+
+def test_logs_of_different_rates_are_played_by_the_clock() -> None:
+    """The slower one has more scans."""
+    slow, fast = np.arange(0.0, 3.0, 0.1), np.arange(0.0, 0.5, 0.025)
+    players = play([along(slow, slow), along(fast, fast)], carried(AgentConfig()), 4.0, lambda *_: None)
+    assert [player.ticks[:3] for player in players] == [[0, 4, 8], [0, 1, 2]]
+
+
+def test_who_pauses_hears_nothing_meanwhile() -> None:
+    """What was said in 4 s was heard at once 50 m away, where the log went on or began."""
+    times = np.arange(0.0, 8.0, 0.2)
+    stands, late = along(times, 0.0 * times), times[(times < 2.0) | (times >= 6.0)]
+    pauses = along(late, np.where(late < 2.0, 1.0, 51.0))
+    received = [
+        play([stands, log], carried(AgentConfig()), 4.0, lambda *_: None)[1].received_bytes
+        for log in (pauses, pauses.part(0, 10, "before"), pauses.part(10, 20, "after"))
+    ]
+    assert received[0] == received[1] > 0 == received[2]
+
+
 def test_a_log_is_cut_into_robots_that_keep_the_numbers_of_their_scans() -> None:
     log = drive(ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, 0.5), 1)
     log.skipped["lines"] = 3
