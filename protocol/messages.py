@@ -197,7 +197,7 @@ class LidarSpec(Message, use_attribute_docstrings=True):
         """Readings (beams,), m, as ranges: inf from the lidar's range on, NaN for no number, 0 and what is too near."""
         with np.errstate(invalid="ignore"):
             ranges = np.where(readings >= self.range_max_m, np.inf, readings)
-            return np.where(ranges >= self.range_min_m, ranges, np.nan)
+            return np.where((ranges > 0.0) & (ranges >= self.range_min_m), ranges, np.nan)
 
     def moments(self) -> Floats:
         """(beams,) when each beam is taken: shares of the period that ends at the scan's stamp, in (0, 1].

@@ -297,6 +297,14 @@ def test_beams_of_a_spec_have_bearings_and_moments() -> None:
     assert narrow.moments() == pytest.approx([*np.arange(9, 17) / 16])
 
 
+@pytest.mark.parametrize("range_min_m", [0.0, 0.1])
+def test_a_reading_of_0_is_none_whatever_the_least_range(range_min_m: float) -> None:
+    """Many drivers say 0 for what was not measured, and 0 for the least range, too."""
+    lidar = LidarSpec(range_min_m=range_min_m)
+    seen = lidar.cleaned(np.array([0.0, -1.0, math.nan, 0.2, 3.5, math.inf]))
+    assert np.array_equal(seen, [math.nan, math.nan, math.nan, 0.2, math.inf, math.inf], equal_nan=True)
+
+
 def test_wheels_are_read_at_least_once_a_scan() -> None:
     for rate_hz, poses in ((25, 5), (5, 1), (1, 1), (12, 2)):
         assert RobotSpec(odometry=OdometrySpec(rate_hz=rate_hz)).poses_per_scan == poses
