@@ -8,10 +8,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, Self, TypeVar
 
-from agent.shell.ros2.laser_scan import LaserScan
+from agent.shell.ros2.laser_scan import OTHER_VIEW, LaserScan
 
 T = TypeVar("T")
-OTHER_VIEW = 0.05  # share by which a scan's field of view differs from that of most: a few beams more or less are less
 
 
 class BagScan(NamedTuple):
@@ -48,8 +47,7 @@ def typical(entries: Sequence[BagScan], notes: list[str]) -> BagScan:
     bearings, limits = _most(entry.scan.bearings for entry in entries), _most(entry.limits for entry in entries)
     alike = [entry for entry in entries if entry.scan.bearings == bearings]
     alike.sort(key=lambda entry: entry.scan.period_s)
-    view = bearings.number * abs(bearings.step)
-    views = [abs(one.number * abs(one.step) / view - 1) for one in (entry.scan.bearings for entry in entries)]
+    views = [abs(entry.scan.bearings.view / bearings.view - 1) for entry in entries]
     for count, what in (
         (sum(off > OTHER_VIEW for off in views), "have another field of view"),
         (sum(entry.limits != limits for entry in entries), "have other limits of the range"),

@@ -3,7 +3,7 @@
 from functools import cache
 
 from agent.shell.ros2 import wire
-from agent.shell.ros2.sensing import Sensing
+from agent.shell.ros2.sensing import ALIKE, Sensing
 from protocol.errors import ProtocolError
 from protocol.messages import RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, odometry, scan
@@ -30,7 +30,8 @@ def fuzz_one(data: bytes) -> None:
 @cache
 def _good(late_s: float = 0.0) -> list[tuple[str, bytes]]:
     told = [(wire.ODOMETRY, odometry(BEGIN_S + late_s + 0.05 * k, (0.01 * k, 0.0, 0.0))) for k in range(4)]
-    return [(kind, wire.to_bytes(kind, one)) for kind, one in [*told, (wire.SCAN, scan(BEGIN_S + late_s + 0.14))]]
+    told += [(wire.SCAN, scan(BEGIN_S + late_s + 0.04 + 0.05 * k)) for k in range(ALIKE)]
+    return [(kind, wire.to_bytes(kind, one)) for kind, one in told]
 
 
 def seeds() -> list[bytes]:

@@ -12,6 +12,7 @@ APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 
 LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
 MAX_RANGE_M = 100.0  # as in LidarSpec
 MIN_VIEW = math.radians(1)  # as in LidarSpec
+OTHER_VIEW = 0.05  # share by which a scan's field of view differs from a lidar's: a few beams more or less are less
 MAX_VIEW = 7.0  # rad: a whole revolution, and some directions again
 MAX_PERIOD_S = 10.0  # one that takes longer is told in a wrong unit
 
@@ -28,6 +29,16 @@ class Bearings(NamedTuple):
     number: int
     first: float  # rad
     step: float  # rad; negative where they go clockwise
+
+    @property
+    def view(self) -> float:
+        """Radians that they look at."""
+        return self.number * abs(self.step)
+
+    def are_like(self, other: Self) -> bool:
+        """Whether one lidar may make both: it looks at as much, with as many readings."""
+        shares = self.view / other.view, self.number / other.number
+        return all(abs(share - 1) <= OTHER_VIEW for share in shares)
 
 
 class LaserScan(NamedTuple):
@@ -49,8 +60,8 @@ class LaserScan(NamedTuple):
     @property
     def makes_sense(self) -> bool:
         """Whether there is a lidar that measures so."""
-        count, first, step = self.bearings
-        around = abs(step) * count  # NaN is in no range
+        count, first, _ = self.bearings
+        around = self.bearings.view  # NaN is in no range
         takes_s = self.between_s * count
         return (
             8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < MAX_VIEW and 0 <= takes_s < MAX_PERIOD_S

@@ -5,7 +5,7 @@ Times are those of the messages' stamps. What cannot be used is skipped and coun
 
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -25,6 +25,8 @@ SET_ANEW = 10
 """Messages in a row, of times that cannot follow, after which the clock counts as set anew, and its new time holds."""
 JUMP_M, JUMP_RAD = 0.3, 0.5
 """Odometry that moves by more than twice what the robot can do, and so much, began anew: its base was started again."""
+ALIKE = 3  # scans that tell one lidar before it is believed: drivers begin with odd ones, such as half a revolution
+LOOKED_BACK = 10  # scans among which these are: two lidars may share the topic
 SLIP_TICKS = 2  # ticks counted by scans are fewer than so many off those of the clock, as no lidar is exactly on time
 EPOCH_S = 1_767_225_600.0
 """Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
@@ -120,7 +122,7 @@ class Sensing:
     def __init__(self, spec: RobotSpec, upside_down: bool, clock: Callable[[], float] = time.monotonic) -> None:
         """spec: the body, with what is known of its lidar beforehand. clock: seconds, for how long something came."""
         self.spec = spec
-        """The body; of its lidar all is known with the first scan."""
+        """The body; of its lidar all is known once some scans are alike."""
         self.skipped = Counter[str]()
         """What could not be used, by reason."""
         self.news: list[str] = []
@@ -129,6 +131,8 @@ class Sensing:
         """When the last observation was made, by the clock."""
         self._upside_down, self._clock = upside_down, clock
         self.wheels = Wheelpath(spec, self.skip)
+        self._first = deque[tuple[str, Bearings]](maxlen=LOOKED_BACK)
+        """Frames and bearings of scans from before the lidar is known."""
         self._bearings: Bearings | None = None
         self._lidar_frame = ""
         self._pending: tuple[LaserScan, float] | None = None
@@ -142,7 +146,7 @@ class Sensing:
 
     @property
     def knows_lidar(self) -> bool:
-        """Whether a scan has told of the lidar."""
+        """Whether scans have told of the lidar."""
         return self._bearings is not None
 
     def skip(self, reason: str) -> None:
@@ -185,7 +189,11 @@ class Sensing:
         return None
 
     def _accept_lidar(self, scan: LaserScan, told: Any) -> bool:
-        """Learn from a first scan what lidar this is; whether it can be."""
+        """Learn from one of the first scans what lidar this is; whether that is sure, and can be."""
+        alike = sum(frame == told.header.frame_id and scan.bearings.are_like(first) for frame, first in self._first)
+        self._first.append((told.header.frame_id, scan.bearings))
+        if alike + 1 < ALIKE:
+            return False
         period_s = scan.period_s or told.scan_time
         known = self.spec.lidar.model_dump() | ({"rate_hz": 1 / period_s} if 0.01 <= period_s <= 100 else {})
         try:
@@ -195,6 +203,8 @@ class Sensing:
         except ValueError:
             self.skip("scans of no possible lidar")
             return False
+        for _ in range(len(self._first) - alike - 1):
+            self.skip("scans of another lidar")
         self.spec = self.spec.model_copy(update={"lidar": lidar})
         self._bearings, self._lidar_frame = scan.bearings, told.header.frame_id
         self._zero_s = self._zero_of(scan.begin_s)

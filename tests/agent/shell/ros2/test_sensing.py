@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.shell.ros2.sensing import EPOCH_S, SET_ANEW, SensedScan, Sensing
+from agent.shell.ros2.sensing import ALIKE, EPOCH_S, SET_ANEW, SensedScan, Sensing
 from protocol.geometry import Pose
 from protocol.messages import MAX_TICK, LidarSpec, RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, LIDAR, odometry, scan, tilted
@@ -30,9 +30,14 @@ def pose_at(t: float) -> Pose:
     return 3.0 + 0.5 * t * math.cos(3.0), -1.0 + 0.5 * t * math.sin(3.0), 3.0 + 0.4 * t
 
 
-def begun(spec: RobotSpec = ROBOT) -> tuple[Sensing, Clock]:
+def begun(spec: RobotSpec = ROBOT, lidar: LidarSpec = LIDAR) -> tuple[Sensing, Clock]:
+    """One that believes the next scan's lidar."""
     clock = Clock()
-    return Sensing(spec, False, clock), clock
+    sensing = Sensing(spec, False, clock)
+    for k in range(ALIKE - 1):
+        sensing.take_scan(scan(BEGIN_S - 1 + 0.1 * k, lidar=lidar))
+        assert not sensing.knows_lidar
+    return sensing, clock
 
 
 def feed(sensing: Sensing, times: Any, **more: Any) -> list[SensedScan]:
@@ -48,7 +53,7 @@ def feed(sensing: Sensing, times: Any, **more: Any) -> list[SensedScan]:
     return found
 
 
-def test_each_scan_is_a_tick_with_the_odometry_of_its_turn_from_the_first_scan_on() -> None:
+def test_each_scan_is_a_tick_with_the_odometry_of_its_turn_once_the_lidar_is_known() -> None:
     sensing, _ = begun()
     found = feed(sensing, TURN_S * np.arange(1, 6))
     assert [seen.observation.tick - found[0].observation.tick for seen in found] == [0, 1, 2, 3, 4]
@@ -63,16 +68,35 @@ def test_each_scan_is_a_tick_with_the_odometry_of_its_turn_from_the_first_scan_o
     assert not sensing.skipped
 
 
-def test_the_lidar_is_known_by_the_first_scan_and_its_mount_by_the_settings() -> None:
+def test_the_lidar_is_known_by_scans_that_are_alike_and_its_mount_by_the_settings() -> None:
     known = LidarSpec(mount_x_m=-0.03, noise_share=0.02)
-    sensing, _ = begun(RobotSpec(lidar=known))
     lidar = LidarSpec(beams=400, turning=True, first_beam_deg=-170, rate_hz=8, range_min_m=0.2, range_max_m=12)
+    sensing, _ = begun(RobotSpec(lidar=known), lidar)
     sensing.take_scan(scan(BEGIN_S, lidar=lidar))
     expected = lidar.model_copy(update={"mount_x_m": -0.03, "noise_share": 0.02})
     assert sensing.spec.lidar.bearings() == pytest.approx(expected.bearings(), abs=1e-5)
     assert sensing.spec.lidar.rate_hz == pytest.approx(8, abs=1e-4) and sensing.spec.lidar.turning
     assert (sensing.spec.lidar.mount_x_m, sensing.spec.lidar.noise_share) == (-0.03, 0.02)
     assert (sensing.spec.lidar.range_min_m, sensing.spec.lidar.range_max_m) == pytest.approx((0.2, 12))
+
+
+@pytest.mark.parametrize("odd", [{"beams": 180, "field_of_view_deg": 180.0}, {"beams": 180}])
+def test_a_first_scan_unlike_those_that_follow_is_left_out(odd: dict[str, Any]) -> None:
+    """Half a revolution, or fewer beams, held for the whole run: half of each scan was thrown away."""
+    sensing = Sensing(ROBOT, False)
+    sensing.take_scan(scan(BEGIN_S - TURN_S, lidar=LIDAR.model_copy(update=odd)))
+    (seen,) = feed(sensing, TURN_S * np.arange(ALIKE))
+    assert len(seen.observation.scan()) == sensing.spec.lidar.beams == LIDAR.beams
+    assert sensing.skipped == {"scans of another lidar": 1}
+
+
+def test_of_two_lidars_on_one_topic_one_is_known() -> None:
+    sensing, rear = Sensing(ROBOT, False), scan(BEGIN_S, lidar=LIDAR.model_copy(update={"beams": 180}))
+    rear.header.frame_id = "rear"
+    for k in range(ALIKE):
+        sensing.take_scan(scan(BEGIN_S + k * TURN_S))
+        sensing.take_scan(rear)
+    assert sensing.spec.lidar.beams == LIDAR.beams and sensing.skipped == {"scans of another lidar": ALIKE}
 
 
 def test_a_direction_that_comes_again_at_the_end_of_a_turn_counts_once() -> None:
