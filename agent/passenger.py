@@ -21,6 +21,7 @@ from agent.mapping.wheels import way_from
 from agent.perception.perceive import Perception
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative
+from protocol.grid_map import MAX_TOLD
 from protocol.messages import Event, Heard, LidarSpec, Observation, RobotSpec, Send
 from protocol.wireframe import Wireframe
 
@@ -110,7 +111,7 @@ class Passenger:
     def _look_at_own(self) -> None:
         """Draw the own map anew where the robot has moved far enough since the last one."""
         if self._since_own >= max(LOOKS_M, LOOKS_SHARE * self._way):
-            self._told.replace(self.drawn())
+            self._told.replace(self.drawn(MAX_TOLD))
             self._since_own = 0.0
 
     def _cooperate(self, tick: int) -> list[Event]:
@@ -119,9 +120,9 @@ class Passenger:
         self.team.judge(tick, self.own, self.submaps.pose)
         return self.team.events
 
-    def drawn(self) -> Wireframe:
-        """The map of own scans, in the own frame."""
-        return wireframe_of(self.submaps.walls(), self._overrun_m)
+    def drawn(self, most: float = math.inf) -> Wireframe:
+        """The map of own scans, in the own frame; without its shortest walls where it would have more vertices."""
+        return wireframe_of(self.submaps.walls(), self._overrun_m, most)
 
     def wireframe(self) -> Wireframe:
         """The map with those of merged peers, in the own frame."""

@@ -32,14 +32,14 @@ class Joined(NamedTuple):
     following: Ints  # (n,) the wall whose tail is this one's head, or -1
 
 
-def wireframe_of(segments: Records, overrun_m: float) -> Wireframe:
+def wireframe_of(segments: Records, overrun_m: float, most: float = math.inf) -> Wireframe:
     """The map of merged segments (n,) of SEGMENT, in their frame: no scan follows that would put it right.
 
-    overrun_m: how far walls run on past where they end, as of `overrun_of`.
+    overrun_m: how far walls run on past where they end, as of `overrun_of`. most: vertices, as of `_joined`.
     """
     walls = _sure(segments)
     walls = walls[~stand_before(walls) & ~lie_across(walls, overrun_m)]
-    walls, tips, following = _joined(_longest_first(ended(walls, overrun_m)), with_tips)
+    walls, tips, following = _joined(_longest_first(ended(walls, overrun_m)), most, with_tips)
     points, labels, edges = chained(tips, _labels(following), following)
     likelihood = (walls["seen"] / (walls["seen"] + 1)).astype(np.float32)
     return Wireframe(points, labels, edges, likelihood, np.ones(len(walls), np.bool_))
@@ -49,9 +49,9 @@ def records_of(segments: Records) -> Records:
     """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm.
 
     Its corners follow their lines, so walls whose lines hardly cross have none. The next scans tell where walls end,
-    and which are none.
+    and which are none. There are as many as peers may be told.
     """
-    walls, tips, following = _joined(_sure(segments))
+    walls, tips, following = _joined(_sure(segments), MAX_TOLD)
     ux, uy = walls["ux"], walls["uy"]
     sine = ux * uy[following] - uy * ux[following]
     following = np.where(np.abs(sine) >= MIN_CORNER_SINE, following, -1)
@@ -77,11 +77,11 @@ def _sure(segments: Records) -> Records:
 
 
 def _joined(
-    walls: Records, with_faces: Callable[[Records, Floats, Ints], tuple[Records, Floats, Ints]] = Joined
+    walls: Records, most: float, with_faces: Callable[[Records, Floats, Ints], tuple[Records, Floats, Ints]] = Joined
 ) -> Joined:
     """Walls (n,) of SEGMENT, the longest first, with corners where their ends meet, and the faces that those tell of.
 
-    The shortest are left away where there are more than the radio can tell.
+    most: vertices; the shortest walls are left away where there would be more.
     """
     while True:
         tips, following, shown = tips_of(walls), np.full(len(walls), -1), walls
@@ -89,10 +89,10 @@ def _joined(
             following = _followers(tips)
             shown, tips, following = with_faces(walls, tips, following)
             _meet_at_corners(shown, tips, following)
-        too_many = 2 * len(shown) - int((following >= 0).sum()) - MAX_TOLD
+        too_many = 2 * len(shown) - int((following >= 0).sum()) - most
         if too_many <= 0:
             return Joined(shown, tips, following)
-        walls = walls[: len(walls) - max(1, too_many // 2)]
+        walls = walls[: len(walls) - max(1, int(0.5 * too_many))]
 
 
 def _longest_first(walls: Records) -> Records:

@@ -16,11 +16,12 @@ from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, moved, samples_along
-from agent.mapping.submaps.wireframe import wireframe_of
+from agent.mapping.submaps.wireframe import records_of, wireframe_of
 from agent.passenger import Passenger
 from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply, compose, relative, wrapped
+from protocol.grid_map import MAX_TOLD
 from protocol.messages import LidarSpec, Observation
 from tests.carried import DRIFT, HALF_TURN, Wall, observations, outline, path_error, ring_corridor
 from tests.ideal import ideal_spec
@@ -421,3 +422,16 @@ def test_a_wireframe_leaves_out_the_short_and_what_one_look_showed() -> None:
     walls = segments((0, 0, 6, 0), (1, 1, 1.1, 1), (2, 1, 4, 1))
     walls["seen"][2] = 1.0
     assert np.allclose(apply(np.zeros(3), wireframe_of(walls, 0.0).points), [[0, 0], [6, 0]])
+
+
+def test_only_what_is_told_is_without_the_shortest_walls_of_a_large_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of an office had lost 122 of its walls, silently."""
+    n = MAX_TOLD // 2 + 30
+    lengths = 0.2 + 1e-4 * np.arange(n)
+    mind, walls = Passenger(ideal_spec(), AgentConfig()), segments(*((0, y, x, y) for y, x in enumerate(lengths)))
+    monkeypatch.setattr(mind.submaps, "walls", lambda *_: walls)
+    mind._look_at_own()
+    assert len(mind.drawn().edges) == len(mind.wireframe().edges) == n
+    told = mind.own.segments()
+    assert len(mind.own.points) == MAX_TOLD and (told[:, 2] - told[:, 0]).min() == pytest.approx(lengths[30])
+    assert len(records_of(walls)) == MAX_TOLD // 2
