@@ -7,6 +7,7 @@ other: a drive among boards of 0.1 m had recall 0.80 so, and has 0.99.
 import numpy as np
 
 from agent.geometry.lines import ALIKE_COSINE
+from agent.mapping.edges import MIN_WALL_M
 from agent.mapping.submaps.segments import SEGMENT
 from protocol.arrays import Floats, Ints, Records
 
@@ -16,6 +17,7 @@ BACK_TO_BACK = -ALIKE_COSINE  # cosine of the turn from one side of a board to t
 def with_tips(walls: Records, tips: Floats, following: Ints) -> tuple[Records, Floats, Ints]:
     """Walls (n,) with the faces at the tips of boards, each between two walls back to back whose ends are one corner.
 
+    Sides nearer to each other than any wall is long keep that corner: between them noise drew faces of micrometres.
     tips: (n, 2, 2), of which those that share a face are moved to stand square to it. following: (n,).
     """
     directions = np.column_stack((walls["ux"], walls["uy"]))
@@ -27,7 +29,7 @@ def with_tips(walls: Records, tips: Floats, following: Ints) -> tuple[Records, F
     tips[second, 0] -= 0.5 * apart
     across = tips[second, 0] - tips[first, 1]
     size = np.hypot(*across.T)
-    wide = size > 0.0
+    wide = size >= MIN_WALL_M
     first, second, across, size = first[wide], second[wide], across[wide], size[wide]
     faces = np.zeros(len(first), SEGMENT)
     faces["ux"], faces["uy"] = (across / size[:, None]).T

@@ -22,8 +22,9 @@ def test_a_board_ends_in_a_face_that_stands_square_to_its_sides(pose: tuple[floa
     assert sorted(corners.round(6).tolist()) == [[0.0, 0.0], [0.0, 0.1], [3.03, 0.0], [3.03, 0.1]]
 
 
-def test_sides_of_no_thickness_share_their_tips() -> None:
-    wireframe = wireframe_of(segments((3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 3.0, 0.0)), OVERRUN_M)
+@pytest.mark.parametrize("thick_m", [0.0, 1e-6, 0.04])
+def test_sides_nearer_than_any_wall_is_long_share_their_tips(thick_m: float) -> None:
+    wireframe = wireframe_of(segments((3.0, thick_m, 0.0, thick_m), (0.0, 0.0, 3.0, 0.0)), OVERRUN_M)
     wireframe.check()
     assert len(wireframe.edges) == 2 and len(wireframe.points) == 2
 
