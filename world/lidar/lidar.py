@@ -102,10 +102,10 @@ class Lidar:
         return readings(self.spec, ranges, rngs, met, sines)
 
     def _sines(self, met: Ints, rays: Floats) -> Floats:
-        """(k, beams) sine of the angle between beam and wall; 1 where it met none. Discs graze in a beam at most."""
+        """(k, beams) sine of the angle between beam and wall; inf where it met none. Discs graze in a beam at most."""
         x, y = self._units[np.maximum(met, 0)].T.swapaxes(1, 2)
         sines = np.abs(np.cos(rays[..., 2]) * y - np.sin(rays[..., 2]) * x)
-        return np.where(met >= 0, sines, 1.0)
+        return np.where(met >= 0, sines, np.inf)
 
     def _near(self, x: float, y: float, half_m: float) -> Ints:
         """Rows of the walls that a lidar may see which stays within `half_m` of a place in the cell of this one."""

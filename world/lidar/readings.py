@@ -19,8 +19,9 @@ def readings(
     """Readings (k, beams) of true ranges (k, beams), with one generator a robot.
 
     met: (k, beams) what each beam met, as from `Lidar.trace`; None: there are no edges. sines: (k, beams) sine of the
-    angle between beam and surface; None: none grazes. Nothing came back, inf, from more than range_max_m; nothing was
-    measured, NaN, by a beam that is lost, or whose range is less than range_min_m: the LDS-01 reports 0 there.
+    angle between beam and wall, inf where it met none; None: none grazes. Nothing came back, inf, from more than
+    range_max_m; nothing was measured, NaN, by a beam that is lost, or whose range is less than range_min_m: the LDS-01
+    reports 0 there.
     """
     noise = np.stack([rng.standard_normal(spec.beams) for rng in rngs])
     chance = np.stack([rng.random(spec.beams) for rng in rngs])

@@ -285,6 +285,14 @@ def test_grazing_beams_are_lost(turned: float, lost: float) -> None:
     assert not np.isinf(out).any()
 
 
+def test_what_meets_no_wall_grazes_none() -> None:
+    """With 90 degrees a third of the beams into open space, and at teammates, was lost."""
+    lidar = Lidar(np.array([[9.0, -1, 9, 1]]), ideal_lidar(grazing_deg=90))
+    ranges, met = lidar.trace(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.1]]))
+    out = lidar.measured(ranges, rngs(1), met, lidar.rays(np.zeros((1, 3))))
+    assert np.isfinite(out).sum() == np.isfinite(ranges).sum() > 5 and not np.isnan(out).any()
+
+
 def test_readings_at_an_edge_lie_between_its_surfaces() -> None:
     walls = np.array([[1.0, 5, 1, 0.003], [2.0, 5, 2, -5], [1.0, -0.4, 1, -5]])
     spec = ideal_lidar(noise_m=0, mixed=0.2, dropout=0.1)
