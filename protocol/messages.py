@@ -49,6 +49,9 @@ MAX_WAY = 1000
 """Poses of the odometry in one observation (ours)."""
 MAX_BEAMS = 4096
 """Beams of a scan (ours): a tenth of a degree apart."""
+MAX_AROUND = 4 * MAX_BEAMS
+"""Beams of a whole revolution, as close as those of a lidar that looks at less (ours). Who maps fills up what it leaves
+out: in 0.1 s a scan with so many; 4096 over one degree took more than 1 s."""
 MOST_LINKS = 12_000
 """Links in one table (ours): a row takes 80 bytes at most, a message 1 MiB. 110 robots that all hear each other."""
 
@@ -172,6 +175,13 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.2
     """Probability that one of the two beams at an edge reads a range between the near and the far surface: the width of
     a beam's footprint over the distance of two beams. 0.2 is a footprint of 3.5 mrad (ours)."""
+
+    @model_validator(mode="after")
+    def _is_not_too_fine(self) -> Self:
+        if (around := self.beams * 360 / self.field_of_view_deg) > MAX_AROUND:
+            fine = f"{self.beams} beams over {self.field_of_view_deg:g} degrees are {around:.0f} a revolution"
+            raise ValueError(f"{fine}; at most {MAX_AROUND} are taken")
+        return self
 
     @property
     def mount(self) -> Pose:

@@ -22,6 +22,7 @@ from protocol.errors import InputError
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import MAX_BEAMS, LidarSpec
 from protocol.settings import MAX_NUMBER
+from protocol.text import in_own_words
 
 FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
 REVOLUTION = "wireswarm_revolution_s"
@@ -224,6 +225,7 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         )
     except ValidationError as error:
         wrong = error.errors()[0]
-        raise _NoLidarError(f"scans of no possible lidar: {wrong['loc'][0]}: {wrong['msg'].lower()}") from None
+        why = ": ".join((*map(str, wrong["loc"]), in_own_words(wrong["msg"])))
+        raise _NoLidarError(f"scans of no possible lidar: {why}") from None
     time_s = float(words[after + (6 if flaser else 11)])
     return lidar, readings, (values[0], values[1], values[2]), (values[3], values[4], values[5]), time_s

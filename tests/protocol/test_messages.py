@@ -17,6 +17,7 @@ from protocol import keys
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import ProtocolError
 from protocol.messages import (
+    MAX_BEAMS,
     MAX_EVENT_DEPTH,
     MAX_EVENT_VALUES,
     MAX_ROBOTS,
@@ -295,6 +296,13 @@ def test_beams_of_a_spec_have_bearings_and_moments() -> None:
     assert np.degrees(narrow.bearings()) == pytest.approx([100, 77.5, 55, 32.5, 10, -12.5, -35, -57.5])
     assert np.degrees(narrow.view()) == pytest.approx([21.25, 90])
     assert narrow.moments() == pytest.approx([*np.arange(9, 17) / 16])
+
+
+def test_a_lidar_is_no_finer_than_a_ring_of_beams_may_be() -> None:
+    """What its scans leave out is filled with beams as close."""
+    LidarSpec(beams=MAX_BEAMS, field_of_view_deg=90)
+    with pytest.raises(ValidationError, match="4096 beams over 1 degrees are 1474560 a revolution; at most 16384 are"):
+        LidarSpec(beams=MAX_BEAMS, field_of_view_deg=1)
 
 
 @pytest.mark.parametrize("range_min_m", [0.0, 0.1])

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from protocol.arrays import Floats
-from protocol.messages import MAX_BEAMS, LidarSpec
+from protocol.messages import MAX_AROUND, MAX_BEAMS, LidarSpec
 
 APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 m/s the robot is elsewhere by then
 LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
@@ -61,11 +61,9 @@ class LaserScan(NamedTuple):
     def makes_sense(self) -> bool:
         """Whether there is a lidar that measures so."""
         count, first, _ = self.bearings
-        around = self.bearings.view  # NaN is in no range
-        takes_s = self.between_s * count
-        return (
-            8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < MAX_VIEW and 0 <= takes_s < MAX_PERIOD_S
-        )
+        view, takes_s = self.bearings.view, self.between_s * count  # NaN is in no range
+        is_scan = 8 <= count <= MAX_BEAMS and abs(first) < 10 and 0 <= takes_s < MAX_PERIOD_S
+        return is_scan and MIN_VIEW < view < MAX_VIEW and count * 360 / math.degrees(view) <= MAX_AROUND
 
     @property
     def end_s(self) -> float:
@@ -88,7 +86,7 @@ class LaserScan(NamedTuple):
         told = {
             "beams": count,
             "turning": self.between_s > 0,
-            "field_of_view_deg": min(math.degrees(abs(step) * count), 360.0),
+            "field_of_view_deg": min(math.degrees(self.bearings.view), 360.0),
             "first_beam_deg": math.degrees(math.remainder(-first if upside_down else first, 2 * math.pi)),
             "clockwise": upside_down is not (step < 0),
             "range_min_m": low if 0 <= low < high else 0.0,

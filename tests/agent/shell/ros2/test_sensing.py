@@ -229,6 +229,7 @@ def test_odometry_that_begins_anew_leaves_no_jump() -> None:
         ({"angle_min": math.inf}, "scans of no possible lidar"),
         ({"time_increment": -1.0}, "scans of no possible lidar"),
         ({"angle_increment": 1e-6}, "scans of no possible lidar"),
+        ({"angle_increment": 2e-4}, "scans of no possible lidar"),
         ({"time_increment": 1.0}, "scans of no possible lidar"),
     ],
 )
