@@ -19,6 +19,7 @@ from protocol.messages import LidarSpec, RobotSpec
         {"range_min_m": 0.4},
         {"mount_x_m": -0.1},
         {"noise_share": 0.03},
+        {"noise_m": 0.07},
     ],
 )
 def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
@@ -45,6 +46,7 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
         (RobotSpec(lidar=LidarSpec(range_min_m=0.45)), "nothing nearer than 0.45 m"),
         (RobotSpec(lidar=LidarSpec(mount_x_m=0.1, mount_y_m=0.1)), "stands 0.14 m from the middle of a body"),
         (RobotSpec(lidar=LidarSpec(noise_share=0.04)), "errs by 4 % of a range"),
+        (RobotSpec(lidar=LidarSpec(noise_m=0.1)), "errs by 0.1 m: with more than 0.07 m walls are missed"),
         (RobotSpec(lidar=LidarSpec(dropout=1.0)), "loses 100 % of its beams"),
         (RobotSpec(max_turn_rps=15.0, lidar=LidarSpec(turning=True)), "172 degrees during one scan"),
     ],
