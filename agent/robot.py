@@ -192,14 +192,14 @@ class Robot:
         pose, known = self.filter.pose, self.wireframe
         scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
         if self._update.take_due(tick):
-            self.filter.update(scan, poses, places)
+            self.filter.update(scan, poses, places, tick)
         else:
             self.filter.move(poses, slips=scan.touching)
         if self.loops and self.loops.take(
             tick, scan, pose_of(way[-1]), self.filter.length_scale, self.filter.pose, self.filter.covariance
         ):
             settled = self.loops.settled()
-            self.filter.replace(records_of(settled.walls), settled.pose)
+            self.filter.replace(records_of(settled.walls), settled.pose, settled.places)
             self.explorer.mend(settled)
             self.team.mend(settled)
             self._laying = Laying(self.spec.lidar.rate_hz)  # what was laid lies on the torn map: it is laid at once

@@ -33,7 +33,7 @@ from agent.mapping.joint import (
 )
 from agent.mapping.layers import Layer, Tellings, merged
 from agent.mapping.likelihood import log_likelihood
-from agent.mapping.poles import MOST, POLE, draw_poles, see_poles
+from agent.mapping.poles import MOST, POLE, Places, draw_poles, see_poles, settle_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.publication import published
 from agent.mapping.scan_merge import merge_scan
@@ -206,11 +206,14 @@ class WireframeFilter:
         self._patience = 1 + PATIENCE_SPREAD * (2 * self._random.random(n) - 1)
         self._patience[0] = 1.0
 
-    def update(self, scan: CornerScan, odometry: Floats | Pose, teammates: Floats = NO_TEAMMATES) -> None:
+    def update(
+        self, scan: CornerScan, odometry: Floats | Pose, teammates: Floats = NO_TEAMMATES, tick: int = 0
+    ) -> None:
         """Merge a corner scan into every particle, weigh and resample them.
 
         odometry: (k, 3) poses (m, rad) since the last scan, or the last one alone, in the odometry's frame.
         teammates: (t, 3) where merged ones say that they are, and by how much each may be off; metres, own frame.
+        tick: of the scan.
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
@@ -240,7 +243,7 @@ class WireframeFilter:
             return
         walls, count = self.edges[self.best], int(self.counts[self.best])
         self.glimpses = glimpses
-        see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share)
+        see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share, tick)
 
     def _begin_anew(self) -> None:
         """Forget all scans: the next one shows all that they did, and better."""
@@ -305,14 +308,14 @@ class WireframeFilter:
             self.log_weights[:] = 0.0
         self.best = int(np.argmax(self.standing))
 
-    def replace(self, walls: Records, pose: Pose) -> None:
-        """Let every particle begin anew from walls (n,) of EDGE and a pose."""
+    def replace(self, walls: Records, pose: Pose, places: Places) -> None:
+        """Let every particle begin anew from walls (n,) of EDGE and a pose. places: as of `settle_poles`."""
         self.glimpses = self.glimpses[:0]  # they are of the map before
         while len(walls) + SPARE > self.edges.shape[1]:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
         self.edges[:, : len(walls)], self.counts[:], self.poses[:] = walls, len(walls), pose
         self.joint[:, AXIS:], self.joint[:, :, AXIS:] = 0.0, 0.0
-        self.poles[:] = np.zeros(1, POLE)
+        settle_poles(self.poles, places)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The particles, for a checkpoint; random numbers begin anew."""

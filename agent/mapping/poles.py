@@ -7,7 +7,7 @@ a piece, whose line noise turns by 20 degrees: that is taken as a sighting, too.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from agent.geometry.poles import POLE_M, SAME_POLE_M, with_poles
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, WALL, length, remove, tip_at
 from agent.mapping.views import THROUGH, View, look_at, margin_of
-from protocol.arrays import Floats, Records
+from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
@@ -41,6 +41,7 @@ POLE = np.dtype(
         ("x", "f8"),  # m, its middle
         ("y", "f8"),
         ("width", "f8"),  # m, of each of its sides
+        ("tick", "f8"),  # of the last sighting
         ("free", "f8"),  # sightings with free ground on both sides
         ("seen", "f8"),  # sightings that the following sums are of
         ("wide", "f8", (2,)),  # of how wide it looked, m, and of the weights
@@ -62,8 +63,9 @@ def see_poles(
     sight: Sight,
     noise: float,
     noise_share: float,
+    tick: int,
 ) -> None:
-    """Take a scan from a pose into the poles (MOST,) of a map, whose walls are the first `count` of edges (n,).
+    """Take a tick's scan from a pose into the poles (MOST,) of a map, whose walls are the first `count` of edges (n,).
 
     pieces (k,), sight: the scan's, robot's frame. noise: m, standard deviation of a range; noise_share: of far ranges.
     Those in use come first.
@@ -75,12 +77,12 @@ def see_poles(
     for s in range(len(sight.blind)):
         first, last, away = sight.blind[s]
         if away > 0.0:
-            used = _take(poles, used, edges, count, view, noise_share, first, last, away)
+            used = _take(poles, used, edges, count, view, noise_share, tick, first, last, away)
     for k in range(len(pieces)):
         p = view.pieces[k]
         if p.label[0] == OCCLUSION and p.label[1] == OCCLUSION:
             away = math.hypot(p.x - pose[0], p.y - pose[1])
-            used = _take(poles, used, edges, count, view, noise_share, p.bearing[0], p.bearing[1], away)
+            used = _take(poles, used, edges, count, view, noise_share, tick, p.bearing[0], p.bearing[1], away)
     for k in range(used):
         pole = poles[k]
         away = math.hypot(pole.x - pose[0], pole.y - pose[1])
@@ -111,6 +113,7 @@ def _take(
     count: int,
     view: View,
     noise_share: float,
+    tick: int,
     first: float,
     last: float,
     away: float,
@@ -140,6 +143,7 @@ def _take(
         pole.score -= 1.0
     else:
         _see(pole, x, y, (ux, uy), wide, spacing, max(view.noise, noise_share * away))
+        pole.tick = tick
         if _stands_free(x, y, 0.5 * wide + 1.5 * spacing + view.sight.shift, view):
             pole.free += 1.0
         if pole.free >= SURE_SIGHTINGS and pole.width <= POLE_M:
@@ -234,6 +238,20 @@ def _clear(poles: Records, used: int, edges: Records, count: int, k: int) -> Non
     for j in range(used):
         if j != k and math.hypot(poles[j].x - x, poles[j].y - y) < SAME_POLE_M:
             poles[j].score = 0.0
+
+
+Places = Callable[[Ints, Floats], Floats]
+"""Of places (k, 2) at which something was seen at ticks (k,): where they are in a map that was merged anew; metres."""
+
+
+def settle_poles(poles: Records, places: Places) -> None:
+    """Let poles (MOST,) of a torn map be in one that was merged anew, where what is seen next tells their places."""
+    known = poles[poles["known"] == 1.0]
+    poles[:] = np.zeros(1, POLE)
+    kept = poles[: len(known)]
+    for name in ("score", "known", "width", "wide", "tick"):
+        kept[name] = known[name]
+    kept["x"], kept["y"] = places(known["tick"].astype(np.int64), np.column_stack((known["x"], known["y"]))).T
 
 
 def draw_poles(wireframe: Wireframe, poles: Records, heard: Sequence[Floats], axis: float) -> Wireframe:

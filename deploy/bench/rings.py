@@ -93,11 +93,11 @@ class Mapper:
         """Take one scan."""
         way = self.filter.way(observation.poses())
         scan = self._perception.see(observation, way, self.filter.pose, self.wireframe())
-        self.filter.update(scan, observation.poses())
+        self.filter.update(scan, observation.poses(), tick=observation.tick)
         mind = self.filter
         if self.loops.take(observation.tick, scan, pose_of(way[-1]), mind.length_scale, mind.pose, mind.covariance):
             settled = self.loops.settled()
-            self.filter.replace(records_of(settled.walls), settled.pose)
+            self.filter.replace(records_of(settled.walls), settled.pose, settled.places)
             self.settled += 1
 
     def wireframe(self) -> Wireframe:

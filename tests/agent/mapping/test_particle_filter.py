@@ -50,7 +50,7 @@ class Walk:
         self.spec = ideal_spec(lidar=spec, odometry=odometry or EXACT)
         self.lidar = Lidar(np.array(segments, np.float64), spec)
         self.rng = np.random.default_rng(seed)
-        self.discs = SeenDiscs(self.spec)
+        self.discs, self.tick = SeenDiscs(self.spec), 0
         self.filter = WireframeFilter(FilterConfig(particles=particles), self.spec, np.random.SeedSequence(seed))
 
     def see(
@@ -63,7 +63,8 @@ class Walk:
         posts = seen_from(pose, np.array([] if post is None else [post]).reshape(-1, 2))
         scan = perceive(measured, self.spec, foreseen=Foreseen(self.discs.expected(odometry), posts=posts))
         self.discs.add(odometry, scan.discs)
-        self.filter.update(scan, odometry)
+        self.filter.update(scan, odometry, tick=self.tick)
+        self.tick += 1
 
 
 def round_tour(*stops: tuple[float, float], step: float = 0.15) -> list[Pose]:

@@ -7,6 +7,8 @@ from agent.alignment.feature import corners
 from agent.cooperation.evidence import WallEvidence
 from agent.geometry.poles import find_poles, with_poles
 from agent.mapping.layers import layer_of
+from agent.mapping.poles import settle_poles
+from agent.mapping.submaps.settled import Settled
 from agent.mapping.views import view_of
 from agent.perception.perceive import perceive
 from protocol.grid_map import main_axis, quantise
@@ -123,3 +125,18 @@ def test_a_mind_that_was_kept_has_its_poles(mine: Walk) -> None:
     again = Walk(OUTSIDE, ideal_lidar()).filter
     again.restore(mine.filter.state())
     assert np.array_equal(again.wireframe().points, mine.filter.wireframe().points)
+
+
+def test_a_pole_moves_with_the_part_of_a_torn_map_in_which_it_was_seen() -> None:
+    """It vanished, and nobody looked again. Its place is then told by what is seen next."""
+    walk = walked(OUTSIDE + post(2.2, 1.8, 0.04))
+    begins, by = np.array((0, 10, len(TOUR))), np.array(((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (9.0, 9.0, 0.0)))
+    moved = walk.filter.poles.copy()
+    settle_poles(moved, Settled(np.zeros(0), (0.0, 0.0, 0.0), begins, by).places)
+    (pole,) = moved[moved["score"] > 0.0]
+    assert (pole["x"], pole["y"], pole["width"]) == pytest.approx((3.2, 3.8, 0.04), abs=0.008) and pole["known"] == 1.0
+    settle_poles(walk.filter.poles, Settled(np.zeros(0), (0.0, 0.0, 0.0), begins, 0.0 * by).places)
+    for pose in TOUR:
+        walk.see(pose)
+        assert np.allclose(poles_of(walk), [(2.2, 1.8, 0.04)], atol=0.04)
+    assert np.allclose(poles_of(walk), [(2.2, 1.8, 0.04)], atol=0.008)

@@ -45,7 +45,7 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
             mind.edges["kind"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
         if loops.take(seen.tick, scan, pose_of(told[-1]), mind.length_scale, mind.pose, mind.covariance):
             settled = loops.settled()
-            mind.replace(records_of(settled.walls), settled.pose)
+            mind.replace(records_of(settled.walls), settled.pose, settled.places)
             closed.append((seen.tick, settled.places(np.arange(seen.tick), np.array(path)[:, :2])))
         path.append(mind.pose)
     return loops, mind, np.array(path), way, closed
@@ -95,7 +95,7 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     check_records(records)
     mind = _filter()
     mind.glimpses = np.zeros((1, 2))
-    mind.replace(records, pose)
+    mind.replace(records, pose, settled.places)
     assert not len(mind.glimpses)  # of the map before
     wireframe = mind.wireframe()
     wireframe.check()
