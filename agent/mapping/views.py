@@ -93,13 +93,15 @@ def seen_at(x: float, y: float, view: View) -> tuple[float, float, float]:
 
 
 @kernel
-def look_at(x: float, y: float, view: View, place_sd: float) -> tuple[int, int]:
+def look_at(x: float, y: float, view: View, place_sd: float, beside: float = 0.0) -> tuple[int, int]:
     """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1.
 
-    place_sd: m, standard deviation of the point's place as the robot knows it from where it is.
+    place_sd: m, standard deviation of the point's place as the robot knows it from where it is. beside: rad, by which
+    it may be seen at another bearing.
     """
     sight = view.sight
     distance, bearing, parallax = seen_at(x, y, view)
+    parallax += beside
     if distance > sight.reach or distance < NEAREST_M:
         return UNSEEN, -1
     if within(sight.blind, bearing, -parallax):
@@ -139,26 +141,29 @@ def samples_along(wall: Record, step: float) -> Samples:
 def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     """What the scan saw at coordinate t of a wall, the piece met, and whether the robot is on the free side.
 
-    UNSEEN also where the ray may have passed beside the wall: where it is flat, and near an end that the robot knows
-    no better from where it is.
+    UNSEEN also where the ray is so flat that it may have passed beside the wall. A wall that may end before t, as the
+    robot knows it from where it is, is seen through only where all is open that it may be in.
     """
     x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
-    saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if related(wall) else 0.0)
-    side = above(wall, view.pose[0], view.pose[1])
-    flat = GRAZING * math.hypot(x - view.pose[0], y - view.pose[1])
-    return UNSEEN if abs(side) < flat or _may_end_before(wall, t) else saw, piece, side > flat
+    side, distance = above(wall, view.pose[0], view.pose[1]), math.hypot(x - view.pose[0], y - view.pose[1])
+    known, beside = related(wall), 0.0
+    if known:
+        beside = _aside(wall, t) * abs(side) / max(distance, NEAREST_M) ** 2
+    saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if known else 0.0, beside)
+    flat = GRAZING * distance
+    return UNSEEN if abs(side) < flat else saw, piece, side > flat
 
 
 @kernel
-def _may_end_before(wall: Record, t: float) -> bool:
-    """Whether a wall may not reach coordinate t, as the robot knows it from where it is; of an end that it does not
-    know, it knows no more than of the other one.
+def _aside(wall: Record, t: float) -> float:
+    """How far along itself a wall may be off, m; 0 where it reaches coordinate t all the same.
+
+    Of an end that the robot does not know it knows no more than of the other one.
     """
-    if not related(wall):
-        return False
     tail, head = wall.tip_sd[0], wall.tip_sd[1]
-    tail, head = tail if tail > 0.0 else head, head if head > 0.0 else tail
-    return bool(t - tip_at(wall, 0) < NOISE_SIGMAS * tail or tip_at(wall, 1) - t < NOISE_SIGMAS * head)
+    tail, head = NOISE_SIGMAS * (tail if tail > 0.0 else head), NOISE_SIGMAS * (head if head > 0.0 else tail)
+    aside = tail if t - tip_at(wall, 0) < tail else 0.0
+    return max(aside, head) if tip_at(wall, 1) - t < head else aside
 
 
 @kernel

@@ -114,14 +114,23 @@ def test_a_wall_may_be_false_that_begins_where_the_true_one_before_it_is_unseen_
     assert _usurped(edges, 2, 1, np.array([True, False]), MARGIN_M) == is_usurped
 
 
-@pytest.mark.parametrize(("tip_sd", "is_gone"), [((0.0, 0.0), True), ((0.01, 0.01), True), ((0.1, 0.0), False)])
-def test_a_post_is_not_seen_through_beside_which_the_robot_may_look(tip_sd: tuple[float, float], is_gone: bool) -> None:
-    """One that a robot had begun beside was gone as it came back 0.17 m off, and with it its map's direction."""
+@pytest.mark.parametrize(
+    ("tip_sd", "open_deg", "is_gone"),
+    [((0.0, 0.0), 15.0, True), ((0.01, 0.01), 15.0, True), ((0.1, 0.0), 15.0, False), ((0.1, 0.0), 90.0, True)],
+)
+def test_a_post_is_not_seen_through_beside_which_the_robot_may_look(
+    tip_sd: tuple[float, float], open_deg: float, is_gone: bool
+) -> None:
+    """One that a robot had begun beside was gone as it came back 0.17 m off, and with it its map's direction.
+
+    Where all is open that it may be in, it is gone: legs of people are walls of 0.1 m whose ends are known to 30 mm.
+    """
     edges, nobody = wall_ahead(), Bodies(np.zeros((0, 2)), NO_TEAMMATES, 0.1)
     edges["relative"][0, 0], edges["tip_sd"][0] = 1e-6, tip_sd
     for side, t in enumerate((-0.1, 0.1)):
         set_tip(edges[0], side, t)
-    sight = Sight(np.array([[0.0, math.pi, math.inf]]), np.zeros((0, 3)), 3.5, 0.01, 0.0)
+    open_to = 0.5 * math.pi + math.radians(open_deg) * np.array((-1.0, 1.0))
+    sight = Sight(np.array([[*open_to, math.inf]]), np.zeros((0, 3)), 3.5, 0.01, 0.0)
     view = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), sight, MARGIN_M, 0.01, 0.0)
     for _ in range(math.ceil(CUT_AFTER)):
         contradict(edges, 1, view, np.zeros(0, np.int64), nobody, 1.0)
