@@ -51,7 +51,9 @@ def config_of(run: Path) -> RunConfig:
     try:
         settings = manifest.read(run)["config"]
     except (OSError, InputError, KeyError):
-        raise NoRunError(f"{run} is no run directory: it has no manifest.json with its configuration") from None
+        settings = None
+    if not isinstance(settings, dict):
+        raise NoRunError(f"{run} is no run directory: it has no manifest.json with its configuration")
     try:
         return validated(RunConfig, settings, RAN)
     except ConfigError as error:
@@ -69,7 +71,8 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
         tracks = {robot: read_track(run / "trajectories" / f"{robot}.tum") for robot in frames}
         begins, ends = _lives(run / "events.jsonl")
         figures = json.loads(read_text(run / "summary.json"))["robots"]
-        never = {robot for robot in frames if not figures[robot]["coverage"]}  # joined, as no event tells
+        came_of = {robot: [figures[robot][key] for key in ("coverage", "bytes_sent", "path_m")] for robot in frames}
+        never = {robot for robot, values in came_of.items() if not any(values)}  # joined, as no event tells
     except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     lidar = Lidar(world.segments, config.spec.lidar, one_sided=True)

@@ -297,9 +297,10 @@ def test_settings_that_this_version_does_not_know_are_named(tmp_path: Path) -> N
     words = r"of another version: agent\.cooperation\.gone_setting: there is no such setting"
     with pytest.raises(NoRunError, match=words):
         config_of(tmp_path)
-    (tmp_path / "manifest.json").write_text("{}")
-    with pytest.raises(NoRunError, match=r"it has no manifest\.json with its configuration$"):
-        config_of(tmp_path)
+    for damaged in ("{}", '{"config": null}', '{"config": []}', '{"config": 7}', "7"):
+        (tmp_path / "manifest.json").write_text(damaged)
+        with pytest.raises(NoRunError, match=r"it has no manifest\.json with its configuration$"):
+            config_of(tmp_path)
 
 
 def test_a_run_that_was_killed_is_told_how_to_end(tmp_path: Path) -> None:
@@ -324,6 +325,10 @@ def test_scans_of_a_robot_that_has_not_joined_are_no_part_of_its_map(tmp_path: P
     (out / "updates.jsonl").write_text(json.dumps(line) + "\n")
     assert [seen.begin for seen in seen_again(out, config).values()] == [0, 10, 21]
     measured = measure(out, config)
+    summary = json.loads((out / "summary.json").read_text())
+    summary["robots"]["r3"]["bytes_sent"] = 7  # of one that joined, and has seen no wall
+    (out / "summary.json").write_text(json.dumps(summary))
+    assert seen_again(out, config)["r3"].begin == 0
     assert measured.explored_m2["r1"] > 1.0 < measured.explored_m2["r2"] and measured.explored_m2["r3"] == 0.0
     assert measured.totals()["scans_raw"] == 6 * 360 * 4
     (out / "updates.jsonl").write_text(json.dumps(line | {"map": 7}) + "\n")
