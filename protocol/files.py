@@ -40,15 +40,17 @@ def make_folder(out: Path, option: str = "--out") -> None:
 
 
 def check_has_folder(file: Path, option: str = "--out") -> None:
-    """Raise InputError where the folder of a file that an option names is not there, or may not be written."""
+    """Raise InputError where the folder of a file that an option names is none to write to, or the file is a folder."""
     if not os.access(f"{file.parent}/", os.W_OK | os.X_OK):
         raise InputError(f"{option} {file}: {file.parent} is no folder that can be written")
+    if file.is_dir():
+        raise InputError(f"{option} {file}: this is a folder; name a file")
 
 
 def has_other_than(begin: bytes, file: Path) -> bool:
-    """Whether a file is there that has bytes and does not begin with these: one of another kind, not to be replaced."""
+    """Whether what is there is of another kind, not to be replaced: a folder, or bytes that do not begin with these."""
     if not file.is_file():
-        return False
+        return file.is_dir()
     with file.open("rb") as stream:
         return not begin.startswith(stream.read(len(begin)))
 

@@ -17,7 +17,7 @@ from deploy.revision import WITH_BENCHMARKS, revision
 from deploy.sensing import IDEAL_BENCHMARK, named
 from deploy.terminal.console import Terminal
 from protocol.errors import InputError
-from protocol.files import make_folder, write_whole
+from protocol.files import check_has_folder, make_folder, write_whole
 from protocol.messages import RobotSpec
 from protocol.status import Status
 
@@ -79,10 +79,11 @@ class Benchmark:
 
         Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
         that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
-        Raises InputError for a folder that cannot be made.
+        Raises InputError where these cannot be written.
         """
-        stem = folder / self.stem(quick, ideal)
+        stem, file = folder / self.stem(quick, ideal), self.file(folder, quick, ideal)
         make_folder(stem, "--results")
+        check_has_folder(file, "--results")
         made_by = {"command": self.command(quick, ideal), "revision": revision(WITH_BENCHMARKS)}
         measuring = copy_context()
         measuring.run(IDEAL_BENCHMARK.set, ideal)
@@ -91,7 +92,7 @@ class Benchmark:
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
         sections = [replace(section, quick=quick) for section in self.sections(outcome.figures)]
-        report(stem.name, made_by, sensing, sections, outcome.failed, self.file(folder, quick, ideal))
+        report(stem.name, made_by, sensing, sections, outcome.failed, file)
         if outcome.failed:
             return Status.FAILURE
         return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK
@@ -105,10 +106,18 @@ def report(
     failed: Mapping[str, str],
     out: Path,
 ) -> None:
-    """Write all tables to `out`, with what made them and the machine, and pictures beside it, and print them.
+    """Print all tables and write them to `out`, with what made them and the machine, and pictures beside it.
 
     made_by: the command, and the revision of the sources. sensing: of the runs that do not set it themselves.
     """
+    console = Terminal(stderr=False)
+    if not console.is_terminal:
+        console.width = max(console.width, WIDTH)
+    for section in sections:
+        section.print(console)
+    for case, reason in failed.items():
+        console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
+    console.print(f"sensing is {sensing} where a table does not say otherwise")
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
     met = {section.table.name: section.met for section in sections}
     found = {section.table.name: section.as_dict(sensing) for section in sections}
@@ -118,12 +127,4 @@ def report(
     write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
     for section in sections:
         section.draw(out.with_name(f"{out.stem}-{section.table.name}.png"))
-    console = Terminal(stderr=False)
-    if not console.is_terminal:
-        console.width = max(console.width, WIDTH)
-    for section in sections:
-        section.print(console)
-    for case, reason in failed.items():
-        console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
-    console.print(f"sensing is {sensing} where a table does not say otherwise")
     console.print(f"written to {out}", highlight=False)

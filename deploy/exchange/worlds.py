@@ -43,8 +43,6 @@ class Options:
 
 def import_world(file: Path, out: Path, options: Options) -> list[str]:
     """Write a world file and a picture of it, and return what there is to tell, a line each. Raises InputError."""
-    if not out.name:
-        raise InputError(f"--out {out}: this is a folder; name a world file")
     check_has_folder(out)
     picture = out.with_suffix(".png")
     if out == picture:

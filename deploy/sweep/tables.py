@@ -357,17 +357,19 @@ def _panels_of_differences(sheet: Sheet, labels: Sequence[str]) -> list[Panel]:
 
 
 def show(sheets: Sequence[Sheet], out: Path | None) -> None:
-    """Write each table to out/TITLE as csv, tex and png, and print it. Raises InputError, UnwritableError."""
+    """Print tables, and write each to out/TITLE as csv, tex and png. Raises InputError, UnwritableError."""
     if out is not None:
         make_folder(out)
     console = Terminal(stderr=False, least_width=WIDTH)
     for sheet in sheets:
-        if out is not None:
-            stem = out / sheet.title.split(" ")[0].lower()
-            write_whole(stem.with_suffix(".csv"), to_csv(sheet))
-            write_whole(stem.with_suffix(".tex"), to_latex(sheet))
-            draw(sheet, stem.with_suffix(".png"))
         table = Table(*sheet.heads, title=sheet.title, title_justify="left", box=SIMPLE_HEAD)
         for line in sheet.lines:
             add_row(table, *map(words, line))
         console.print(table)
+    if out is None:
+        return
+    for sheet in sheets:
+        stem = out / sheet.title.split(" ")[0].lower()
+        write_whole(stem.with_suffix(".csv"), to_csv(sheet))
+        write_whole(stem.with_suffix(".tex"), to_latex(sheet))
+        draw(sheet, stem.with_suffix(".png"))

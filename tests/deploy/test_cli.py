@@ -195,6 +195,13 @@ finally:
         (["import", "house.svg", "--out", "tiny.yaml/w.yaml"], "w.yaml: tiny.yaml is no folder that can be written\n"),
         (["router", "--listen", "tcp/127.0.0.1:1", "--write", "no/r"], "--write no/r: no is no folder that can be"),
         (["bench", "lidar", "--results", "tiny.yaml"], "--results tiny.yaml/lidar: Not a directory; name a directory"),
+        (["view", "full", "--save", ""], "--save .: this is a folder; name a file\n"),
+        (["import", "house.svg", "--out", "full"], "--out full: this is a folder; name a file\n"),
+        (["router", "--listen", "tcp/127.0.0.1:1", "--write", "full"], "--write full: this is a folder; name a file\n"),
+        (
+            ["bench", "lidar", "--quick", "--results", "full"],
+            "--results full/lidar-quick.json: this is a folder; name a file\n",
+        ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -207,6 +214,7 @@ def test_what_a_user_can_act_on_is_one_sentence(
     (tmp_path / "tiny.yaml").write_text(ROOM)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
+    (tmp_path / "full" / "lidar-quick.json").mkdir()
     status, out, err = wireswarm(*arguments)
     assert status == 2
     assert out == "" and words in err

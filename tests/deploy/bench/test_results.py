@@ -16,6 +16,7 @@ from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.commands.experiments import BENCHMARKS
 from deploy.revision import ROOT, WITH_BENCHMARKS, revision
 from protocol.errors import InputError
+from protocol.files import UnwritableError
 from protocol.status import Status
 
 
@@ -146,6 +147,16 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
     report("some", {}, "ideal", [section], {}, tmp_path / "some.json")
     document = json.loads((tmp_path / "some.json").read_text())
     assert document["met"] == {"one": True} and document["sections"]["one"]["bars"] == {"t": "<= 3"}
+
+
+def test_tables_are_printed_also_where_they_cannot_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    section = Table("one", "One", lambda _: [{"x": 0}], columns("x >= 1")).section({})
+    with pytest.raises(UnwritableError):
+        report("some", {}, "ideal", [section], {"case/1": "it died"}, tmp_path)
+    said = capsys.readouterr().out
+    assert "One: " in said and "no figures of case/1: it died" in said
 
 
 def test_a_row_of_a_function_may_stand_beside_the_bars() -> None:

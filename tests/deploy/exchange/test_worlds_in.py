@@ -512,6 +512,9 @@ def test_nothing_that_is_read_is_written_over(tmp_path: Path) -> None:
         import_world(plan, tmp_path / "world.png", Options(width_m=8))
     with pytest.raises(InputError, match=r"--out \.: this is a folder"):
         import_world(plan, Path(), Options(width_m=8))
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(InputError, match=r"folder\.png is there already and of another kind"):
+        import_world(plan, tmp_path / "folder.yaml", Options(width_m=8))
     assert plan.read_bytes() == before and not (tmp_path / "world.png").exists()
 
 

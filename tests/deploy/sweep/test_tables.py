@@ -17,6 +17,7 @@ from deploy.sweep.store import Store
 from deploy.sweep.tables import Sheet, against, compare, compared, draw, medians, select, show, to_csv, to_latex, words
 from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
+from protocol.files import UnwritableError
 from tests.deploy.sweep.sweeps import write_sweep
 
 NAMES = ["team.t_90", "mean.path_m"]
@@ -264,7 +265,9 @@ def test_runs_of_a_world_or_a_mind_that_was_changed_are_told_apart(
     assert against([row for row in rows if row["mind.hash"] != first], "mind={}", ["team.t_90"]).lines[0][2] == 4
 
 
-def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Path) -> None:
+def test_tables_are_written_as_csv_latex_and_pictures(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rows, out = select(str(folder))[0], tmp_path / "tables"
     show([medians(rows, NAMES), against(rows, "radio.range_m=2", NAMES)], out)
     assert {file.name for file in out.iterdir()} == {
@@ -276,6 +279,13 @@ def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Pa
     assert r"radio.range\_m & runs" in (out / "medians.tex").read_text()
     with pytest.raises(InputError, match="name a directory that can be written"):
         show([medians(rows, NAMES)], out / "medians.csv")
+    (other := tmp_path / "other").mkdir()
+    (other / "medians.csv").mkdir()
+    capsys.readouterr()
+    with pytest.raises(UnwritableError):
+        show([medians(rows, NAMES), against(rows, "radio.range_m=2", NAMES)], other)
+    said = capsys.readouterr().out
+    assert "medians" in said.lower() and "differences" in said.lower()
 
 
 def test_an_interval_that_never_ends_is_drawn_to_the_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
