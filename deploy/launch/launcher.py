@@ -75,6 +75,8 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[tuple[P
             raise ConfigError(f"--out {asked}: something is there already; name an empty or a new directory")
         for out in default if asked is None else [asked]:
             made = [folder for folder in (out, *out.parents) if not folder.exists()]
+            if any(folder.name == ".." for folder in made):  # mkdir makes what it leaves, and may find `out`
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
             # a run that starts at the same time may have made it just now; what was asked for is a link to nothing
             with suppress(FileExistsError) if asked is None else nullcontext():
                 out.mkdir(parents=True, exist_ok=asked is not None)

@@ -348,6 +348,20 @@ def test_a_run_directory_that_stays_empty_is_removed_with_the_folders_made_for_i
     assert tmp_path.is_dir()
 
 
+def test_a_run_directory_beyond_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    """The empty folder was removed as one made for the run, and a full one taken."""
+    for place in ("empty", "full/part"):
+        (tmp_path / place).mkdir(parents=True)
+    for name in ("empty", "full"):
+        asked = tmp_path / "gone" / ".." / name
+        with pytest.raises(ConfigError, match=r"gone/\.\./.*: No such file"), run_directory(asked, "maze-15", 0):
+            pass
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["empty", "full"]
+    with run_directory(tmp_path / "empty" / ".." / "new", "maze-15", 0):
+        assert (tmp_path / "new").is_dir()
+    assert not (tmp_path / "new").exists() and (tmp_path / "empty").is_dir()
+
+
 def test_an_interrupted_command_that_had_not_begun_removes_what_it_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
