@@ -10,7 +10,7 @@ from agent.corner_scan import FRONTIER, NOMINAL
 from agent.geometry.chains import chained
 from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
-from agent.mapping.edges import CONFIRMATIONS, EDGE, MIN_WALL_M, WALL
+from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
 from agent.mapping.submaps.board_tips import with_tips
 from agent.mapping.submaps.crossings import CORNER_M, ended
 from agent.mapping.submaps.segments import tips_of
@@ -20,7 +20,7 @@ from protocol.grid_map import MAX_TOLD
 from protocol.wireframe import Wireframe
 
 SEEN = 2.0  # looks from different places that must have shown a wall: legs and people stand in one
-LENGTH_M = 0.17  # shorter ones of a log are the clutter on desks: cluttered offices with them take more than 8 kB
+LENGTH_M = 0.17  # shorter ones are the clutter on desks: cluttered offices with them take more than 8 kB
 HITS = 1.0  # that a wall of submaps is worth: 1 cm
 
 
@@ -37,7 +37,7 @@ def wireframe_of(segments: Records, overrun_m: float, most: float = math.inf) ->
 
     overrun_m: how far walls run on past where they end, as of `overrun_of`. most: vertices, as of `_joined`.
     """
-    walls = _sure(segments, LENGTH_M)
+    walls = _sure(segments)
     walls = walls[~stand_before(walls) & ~lie_across(walls, overrun_m)]
     walls, tips, following = _joined(_longest_first(ended(walls, overrun_m)), most, with_tips)
     points, labels, edges = chained(tips, _labels(following), following)
@@ -49,9 +49,9 @@ def records_of(segments: Records) -> Records:
     """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm.
 
     Its corners follow their lines, so walls whose lines hardly cross have none. The next scans tell where walls end,
-    and which are none. There are as many as peers may be told, faces of posts among them: nobody looks at these again.
+    and which are none. There are as many as peers may be told.
     """
-    walls, tips, following = _joined(_sure(segments, MIN_WALL_M), MAX_TOLD)
+    walls, tips, following = _joined(_sure(segments), MAX_TOLD)
     ux, uy = walls["ux"], walls["uy"]
     sine = ux * uy[following] - uy * ux[following]
     following = np.where(np.abs(sine) >= MIN_CORNER_SINE, following, -1)
@@ -69,9 +69,9 @@ def records_of(segments: Records) -> Records:
     return out
 
 
-def _sure(segments: Records, least_m: float) -> Records:
-    """Those of merged segments (n,), so long or longer, that several looks have shown, each once, the longest first."""
-    sure = (segments["seen"] >= SEEN) & (segments["high"] - segments["low"] >= least_m)
+def _sure(segments: Records) -> Records:
+    """Those of merged segments (n,) that several looks have shown, each wall once, the longest first."""
+    sure = (segments["seen"] >= SEEN) & (segments["high"] - segments["low"] >= LENGTH_M)
     walls = _longest_first(segments[sure])
     return walls[stand_once(walls)]
 

@@ -20,7 +20,6 @@ from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
-from tests.agent.mapping.submaps.test_chain import segments
 from tests.carried import observations, path_error, ring_corridor
 from tests.ideal import EXACT, ideal_spec
 
@@ -210,21 +209,14 @@ def test_a_loop_says_nothing_where_the_filter_knows_how_far_off_it_may_be(
 
 def test_walls_whose_lines_hardly_cross_share_no_corner_in_the_filter() -> None:
     """Two parts of one wall end at one place: where their lines meet is anywhere, as they are turned by noise."""
-    parts = np.zeros(2, SEGMENT)
-    parts["x"], parts["ux"], parts["high"], parts["seen"] = (-1.0, 1.05), 1.0, 1.0, 20
-    parts["low"], parts["hits"], parts["xx"] = -1.0, 100.0, 30.0
-    parts["uy"][1] = 1e-5
-    parts["y"][1] = 0.01
-    records = records_of(parts)
+    segments = np.zeros(2, SEGMENT)
+    segments["x"], segments["ux"], segments["high"], segments["seen"] = (-1.0, 1.05), 1.0, 1.0, 20
+    segments["low"], segments["hits"], segments["xx"] = -1.0, 100.0, 30.0
+    segments["uy"][1] = 1e-5
+    segments["y"][1] = 0.01
+    records = records_of(segments)
     assert (records["link"] < 0).all()
     records["link"] = ((-1, 1), (0, -1))  # as for walls that turn after they were linked
     before = records["tip"].copy()
     settle_corner(records, 0)
     assert (records["tip"] == before).all()
-
-
-def test_the_filter_keeps_the_faces_of_posts() -> None:
-    """Nobody looks at them again: their places were seen. Maps of logs, in which they are clutter, are without them."""
-    post = segments((0.925, 1, 1.075, 1), (1.075, 1, 1.075, 0.85), (1.075, 0.85, 0.925, 0.85), (0.925, 0.85, 0.925, 1))
-    records = records_of(post)
-    assert len(records) == 4 and (records["link"] >= 0).all()
