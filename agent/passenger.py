@@ -23,7 +23,7 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.grid_map import MAX_TOLD
 from protocol.messages import Event, Heard, LidarSpec, Observation, RobotSpec, Send
-from protocol.wireframe import Wireframe
+from protocol.wireframe import MAX_VERTICES, Wireframe
 
 ODOMETRY_SCALE_SD = 0.03  # of a metre that odometry tells: by 2 % in the logs, 5 % was seen
 ODOMETRY_BEND_SD = 0.09
@@ -120,7 +120,7 @@ class Passenger:
         self.team.judge(tick, self.own, self.submaps.pose)
         return self.team.events
 
-    def drawn(self, most: float = math.inf) -> Wireframe:
+    def drawn(self, most: int = MAX_VERTICES) -> Wireframe:
         """The map of own scans, in the own frame; without its shortest walls where it would have more vertices."""
         return wireframe_of(self.submaps.walls(), self._overrun_m, most)
 

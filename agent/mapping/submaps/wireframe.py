@@ -17,7 +17,7 @@ from agent.mapping.submaps.segments import tips_of
 from agent.mapping.submaps.smears import lie_across, stand_before, stand_once
 from protocol.arrays import Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
-from protocol.wireframe import Wireframe
+from protocol.wireframe import MAX_VERTICES, Wireframe
 
 SEEN = 2.0  # looks from different places that must have shown a wall: legs and people stand in one
 LENGTH_M = 0.17  # shorter ones are the clutter on desks: cluttered offices with them take more than 8 kB
@@ -32,7 +32,7 @@ class Joined(NamedTuple):
     following: Ints  # (n,) the wall whose tail is this one's head, or -1
 
 
-def wireframe_of(segments: Records, overrun_m: float, most: float = math.inf) -> Wireframe:
+def wireframe_of(segments: Records, overrun_m: float, most: int = MAX_VERTICES) -> Wireframe:
     """The map of merged segments (n,) of SEGMENT, in their frame: no scan follows that would put it right.
 
     overrun_m: how far walls run on past where they end, as of `overrun_of`. most: vertices, as of `_joined`.
@@ -77,7 +77,7 @@ def _sure(segments: Records) -> Records:
 
 
 def _joined(
-    walls: Records, most: float, with_faces: Callable[[Records, Floats, Ints], tuple[Records, Floats, Ints]] = Joined
+    walls: Records, most: int, with_faces: Callable[[Records, Floats, Ints], tuple[Records, Floats, Ints]] = Joined
 ) -> Joined:
     """Walls (n,) of SEGMENT, the longest first, with corners where their ends meet, and the faces that those tell of.
 

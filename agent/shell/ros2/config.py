@@ -36,8 +36,8 @@ class Ros2Config(Config):
     tf_topic: Topic = "tf"
     """Topic of tf: /tf where all robots share one tree."""
     map_frame: Frame = "map"
-    """Frame of the map, which is where the robot's odometry was at the first scan. Robots of one tf tree need names of
-    their own, such as r1/map."""
+    """Frame of the map, which is where the robot's odometry was at the first scan that it took. Robots of one tf tree
+    need names of their own, such as r1/map."""
     upside_down: bool = False
     """Whether the lidar is mounted upside down, so that its readings go clockwise."""
     silence_s: Positive = 0.5
