@@ -178,10 +178,11 @@ def _asymmetric(model: Asymmetric, robots: list[str], rngs: Generators) -> Loses
 def _blackout(model: Blackout, robots: list[str], period_s: float) -> Loses:
     """A window of time in which nothing passes."""
     mute = {i for i, robot in enumerate(robots) if not model.robots or robot in model.robots}
+    # all times to the ns: by rounding, 111 times 1/15 s are less than 7.4 s
+    begin_s, end_s = round(model.begin_s, 9), round(model.end_s, 9)
 
     def loses(hop: Hop) -> bool:
-        t = round(hop.tick * period_s, 9)  # 111 of 1/15 s are less than 7.4 s by rounding
-        in_time = model.begin_s <= t < model.end_s
+        in_time = begin_s <= round(hop.tick * period_s, 9) < end_s
         return in_time and not mute.isdisjoint((hop.sender, hop.receiver))
 
     return loses
