@@ -157,8 +157,10 @@ class Shell:
         self._away: set[str] = set()
         """Robots that were here and whose link is lost."""
         self._silent: Counter[str] = Counter()
-        """How often each robot was waited for in vain since it was heard, or its link came or went: in lockstep for
-        SAY_AGAIN_S of this tick, in real time for a tick."""
+        """How often each robot was waited for in vain: in lockstep for SAY_AGAIN_S of this tick, since it came back for
+        the first time in it; in real time for a tick, since it was heard, or its link came or went."""
+        self._returned: set[str] = set()
+        """Robots that came back in this tick; who comes and goes is not waited for without end."""
         self._newcomers: dict[str, str] = {}
         """Robots whose process came in this tick, `joined` or `rejoined`."""
         self._losers: set[str] = set()
@@ -294,6 +296,7 @@ class Shell:
                 self._count_silent()
                 self._count_late()
             self._losers.clear()
+            self._returned.clear()
             self._asked.clear()
             if self.episode.ended is None:
                 self._note_newcomers()
@@ -344,20 +347,19 @@ class Shell:
         """
         self.episode.links_lost += 1
         self._away.add(robot)
-        self._silent.pop(robot, None)
         if robot in self._losers:
             if not self._lockstep:  # it has `left` in this tick, and has not come back
                 self._newcomers.pop(robot, None)
             return
         self._losers.add(robot)
         if not self._lockstep:
+            self._silent.pop(robot, None)
             self._note_newcomer(robot)
             self.episode.happened(robot, "left", LOST)
         self.tell()
 
     def _welcome_back(self, robot: str) -> None:
-        """A robot that was away, or is late, may be ready now; its silence counts from here."""
-        self._silent.pop(robot, None)
+        """A robot that was away, or is late, may be ready now."""
         if self._began is None or not self._participants.is_ready(robot):
             return
         self._wire.follow(self._far_ends())
@@ -368,6 +370,9 @@ class Shell:
             self._away.remove(robot)
             if not self._lockstep:
                 self._newcomers[robot] = "rejoined"
+            if robot not in self._returned:
+                self._returned.add(robot)
+                self._silent.pop(robot, None)
         self._say_again(robot)
 
     def _note_newcomers(self) -> None:
@@ -395,8 +400,8 @@ class Shell:
     def _gave_up(self, robot: str, wait_s: float) -> bool:
         """Whether a robot has said nothing for silence_s, in waits of wait_s, and is given up for it."""
         if silent := self._silent[robot] * wait_s >= self.config.silence_s:
-            why = f"{LOST}, and it did not come back within" if robot in self._away else "it said nothing for"
-            self._kill(robot, f"{why} {self.config.silence_s:g} s")
+            who = f"{LOST}, and it" if robot in self._away else "it"
+            self._kill(robot, f"{who} said nothing for {self.config.silence_s:g} s")
         return silent
 
     def _count_late(self) -> None:
@@ -441,7 +446,8 @@ class Shell:
     def _wait_for_all(self) -> None:
         """Wait for the robots that are here; those that say nothing for silence_s are dead.
 
-        Waits are counted, not hours: a freeze of this process or of the machine is nobody's silence.
+        Who comes back is given it once more. Waits are counted, not hours: a freeze of this process or of the machine
+        is nobody's silence.
         """
         self._silent.clear()
         end = time.monotonic() + SAY_AGAIN_S

@@ -19,6 +19,7 @@ from world.shell import server
 from world.shell.inbox import WorldInbox
 
 TICK_S = 0.2
+AGAIN = range(100, 500, 100)
 Timed = tuple[float, Arrival]
 
 
@@ -40,13 +41,18 @@ class Script(WorldInbox):
 
 def joins(at: float, robot: str, process: str) -> list[Timed]:
     """Another process of a robot is let in, and is ready a moment later."""
-    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=process, process=process))
-    asks = Arrival(keys.JOIN, robot, question, MagicMock(key_expr=keys.service(robot, keys.JOIN)))
-    return [(at, asks), (at, Arrival(WorldInbox.ALIVE, robot))]
+    return [*asks(at, robot, process), (at, Arrival(WorldInbox.ALIVE, robot))]
 
 
 def goes(at: float, robot: str) -> list[Timed]:
     return [(at, Arrival(WorldInbox.GONE, robot))]
+
+
+def asks(at: float, robot: str, process: str) -> list[Timed]:
+    """A process of a robot asks to be let in, first or again."""
+    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=process, process=process))
+    query = MagicMock(key_expr=keys.service(robot, keys.JOIN))
+    return [(at, Arrival(keys.JOIN, robot, question, query))]
 
 
 def acts(at: float, robot: str, tick: int = 0) -> list[Timed]:
@@ -81,8 +87,25 @@ def test_in_lockstep_who_says_nothing_is_given_up(tmp_path: Path, monkeypatch: p
     told = run(tmp_path, monkeypatch, 1, arrivals)
     assert told == [
         ("r1", "dead", "it said nothing for 300 s"),
-        ("r2", "dead", "its link was lost, and it did not come back within 300 s"),
+        ("r2", "dead", "its link was lost, and it said nothing for 300 s"),
     ]
+
+
+@pytest.mark.parametrize(
+    "arrivals",
+    [
+        [*goes(0.2, "r1"), *(one for at in AGAIN for one in (*joins(at, "r1", f"{at}"), *goes(at + 5, "r1")))],
+        [one for at in AGAIN for one in asks(at, "r1", "01")],
+    ],
+    ids=["it dies and is started again", "it asks to be let in again"],
+)
+def test_in_lockstep_nobody_holds_a_tick_without_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arrivals: list[Timed]
+) -> None:
+    """Each return, and each question, began its silence anew."""
+    stop = 599.0, Arrival(WorldInbox.STOP)
+    told = run(tmp_path, monkeypatch, 1, [*acts(0.1, "r2"), *arrivals, stop])
+    assert ("r1", "dead") in [(robot, event) for robot, event, _ in told]
 
 
 def test_in_real_time_who_keeps_its_link_and_says_nothing_is_given_up(
