@@ -119,8 +119,8 @@ class Misbehaving(Wanderer):
 
 
 def lame(robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> Wanderer:
-    """r3 fails before the others, which are slow, begin."""
-    if robot == "r3":
+    """r3 and r4 fail before the others, which are slow, begin."""
+    if robot in ("r3", "r4"):
         raise ZeroDivisionError("as promised")
     time.sleep(1.0)
     return Wanderer(robot, spec, config, seed)

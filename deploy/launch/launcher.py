@@ -318,7 +318,7 @@ class Children:
     def _end_unless_begun(self, child: Child) -> None:
         """End a run that would wait for robots that cannot join any more."""
         config = self._config
-        may_join = len({*config.robot_ids} - self._gone - {child.name})
+        may_join = len({*config.robot_ids} - self._gone - self._last_words - {child.name})
         enough = may_join >= (config.server.begin_with or config.robots)
         if self._progress is None and child.name != "world" and not enough:
             self._never_began = True

@@ -247,6 +247,13 @@ def test_a_robot_that_fails_before_the_others_begin_ends_nothing(tmp_path: Path)
     assert dead == [("r3", "its process ended")]
 
 
+def test_robots_that_fail_at_once_end_a_run_that_cannot_begin_without_them(tmp_path: Path) -> None:
+    """Each was counted for the other until its pipe closed, and the world waited join_timeout_s, 60 s."""
+    result = launched(tmp_path, "lame", 4, server={"begin_with": 3})
+    assert result["status"] == 1
+    assert [error for error in result["errors"] if "did not join" in error] == []
+
+
 @pytest.mark.parametrize(
     "after_s",
     [
