@@ -101,13 +101,8 @@ def run_agent(
                 suppress(Interrupted),
                 declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers,
             ):
-                while True:
-                    with session.liveliness().declare_token(keys.alive(robot)):
-                        ended = life.live(publishers, inbox)
-                    if ended is not None:
-                        break
-                    # the link was lost: this process, the world or the network stood still. It asks without its
-                    # token: another world would begin with it, and lose it at once, as it begins anew
+                while (ended := life.live(publishers, inbox)) is None:
+                    # the link was lost: this process, the world or the network stood still
                     entry = join(session, robot, inbox, patience.reconnect_s)
                     if not isinstance(entry, Entry) or not life.goes_on(entry):
                         break
@@ -211,16 +206,17 @@ def _ask(session: zenoh.Session, robot: str, question: bytes) -> list[zenoh.Repl
 def declared(
     session: zenoh.Session, robot: str, lockstep: bool, inbox: AgentInbox, timeout_s: float
 ) -> Iterator[dict[str, zenoh.Publisher]]:
-    """Declare a welcomed robot's subscriber and publishers, and wait until each that the world needs has its reader.
+    """Declare a welcomed robot's subscriber, publishers and liveliness token, with which the world may begin.
 
-    Only then is its liveliness token due, with which the world may begin. LinkError on a time-out, Interrupted where
-    the robot is to stop before.
+    The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out, Interrupted
+    where the robot is to stop before.
     """
     with ExitStack() as stack:
         declare = stack.enter_context
         declare(session.declare_subscriber(keys.to_robot(robot), at_once(inbox.hear)))
         publishers = {channel: declare(one) for channel, one in publishers_of(session, robot, lockstep).items()}
         wait_for_matching([publishers[channel] for channel in keys.NEEDED], timeout_s, lambda: inbox.stopped)
+        declare(session.liveliness().declare_token(keys.alive(robot)))
         yield publishers
 
 

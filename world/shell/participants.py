@@ -113,6 +113,8 @@ class Participants:
         # a process whose link was lost and is there again asks again; one that died has no link any more
         if robot in self.sessions and self._is_another(join) and self._is_there(robot):
             return f"another {robot} is there already"
+        if self.processes.get(robot) != join.process:  # its token is of another run or process, and will go
+            self._tokens.discard(robot)
         self.sessions[robot], self.processes[robot] = join.session, join.process
         if robot not in self._tokens:
             self._entering.add(robot)

@@ -57,6 +57,17 @@ def test_who_was_ready_and_has_gone_does_not_prepare() -> None:
     assert there.dismiss("r1", said("0a", "01")) is None and there.preparing == []
 
 
+def test_a_token_from_before_a_process_is_let_in_is_not_its() -> None:
+    """A robot that outlives its world shows its token to the next, before it asks and begins anew."""
+    there = Participants(["r1"], {})
+    there.token_came("r1")
+    assert asks(there, "0a", "01") is None and (there.ready, there.preparing) == ([], ["r1"])
+    there.token_went("r1")
+    there.token_came("r1")
+    assert there.ready == ["r1"]
+    assert asks(there, "0a", "01") is None and there.ready == ["r1"]  # its link was lost, and is back
+
+
 def test_a_refusal_among_many_robots_fits_into_a_message() -> None:
     there = Participants([f"r{number + 1}" for number in range(500)], {})
     refusal = there.admit("r501", keys.JOIN, encode(Join(version=PROTOCOL_VERSION, robot="r501")))
