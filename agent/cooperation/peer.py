@@ -115,6 +115,11 @@ class PeerLog:
         """Where both were as the last contact began."""
         return self.encounters[0] if self.encounters else None
 
+    @property
+    def has_place(self) -> bool:
+        """Whether it has said where it is in the frame of its newest map: an alignment waits for that."""
+        return self.first_encounter is not None and not self.map_is_old
+
     def place(self, transform: Floats) -> Pose:
         """Where it was last heard to be by its frame in the robot's own (3,): asked several times in each tick."""
         if self.placed is None or self.placed[0] is not transform or self.placed[1] is not self.pose:

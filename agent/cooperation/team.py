@@ -303,7 +303,7 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        if log.first_encounter is None or log.map_is_old:  # maps wait for a place in their frame
+        if not log.has_place:
             return False
         if isinstance(peer, Unaligned) and self._align_by_word(peer, own):
             return True
@@ -356,9 +356,11 @@ class Team:
         """
         maps, config = self.aligner.both(peer.log, own), self.aligner.config
         new, figures = update(peer, tick, own, maps, config)
-        if new.refused > peer.refused and (said := self.aligner.align(peer.log, own)).transform is not None:
-            fit = peer.fit._replace(transform=np.array(said.transform))
-            new, figures = update(replace(peer, fit=fit), tick, own, maps, config)
+        if new.refused > peer.refused and peer.log.first_encounter is not None:
+            said = self.aligner.align(peer.log, own)
+            if said.transform is not None:
+                fit = peer.fit._replace(transform=np.array(said.transform))
+                new, figures = update(replace(peer, fit=fit), tick, own, maps, config)
         self._replace(peer, new)
         if new.refused > peer.refused:
             self.undo(new, "its last map contradicts it", figures)
@@ -474,10 +476,11 @@ class Team:
     def _close_circles(self, own: Wireframe) -> None:
         """Put the weakest link on trial again where circles of three do not close: each link once, till more are open.
 
-        The weakest is the one in most of them, and of these the one with the least wall in common.
+        The weakest is the one in most of them, and of these the one with the least wall in common. Of a peer that was
+        started anew its next map decides.
         """
         merged = self.merged
-        opened = [(thirds.balance(peer, merged), peer.agreed_m, peer) for peer in merged]
+        opened = [(thirds.balance(peer, merged), peer.agreed_m, peer) for peer in merged if peer.log.has_place]
         opened = [link for link in opened if link[0] < -link[2].log.circles_open]
         if not opened:
             return

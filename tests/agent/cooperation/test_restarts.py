@@ -110,3 +110,13 @@ def test_of_a_merged_peer_the_next_map_decides_and_until_then_it_is_a_stranger(f
     peer = hear(team, began + WAITS, frame, received=of(frame, began + WAITS))
     assert isinstance(peer, Merged) is (frame == BEFORE)
     assert not isinstance(peer, Merged) or peer.refused == 0
+
+
+def test_at_the_end_a_peer_that_has_told_its_map_and_not_its_place_is_merged_no_more() -> None:
+    """Its last map was aligned without a place, and the robot's process ended with an AssertionError."""
+    team, log = known()
+    team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), MET, OWN)
+    news = News("p", MET, map=of(AFTER, HEARD + 4), anew=HEARD)
+    team.hear(HEARD + 5, [news], HERE, SCAN, OWN)
+    team.conclude(HEARD + 5, OWN)
+    assert isinstance(team.peers["p"], Unaligned)

@@ -206,6 +206,22 @@ def test_the_open_circle_s_weakest_link_goes_on_trial_again_and_then_the_next() 
     assert isinstance(team.peers["p"], Merged) and isinstance(team.peers["a"], Proposed)
 
 
+def test_a_link_with_who_was_started_anew_is_on_trial_again_no_sooner_than_its_place_and_map_are_there() -> None:
+    """The trial drives to where the contact began: the robot's process ended with an AssertionError."""
+    team = team_of({"a": WRONG})
+    team.peers["p"] = merged("p", PEER)
+    team.hear(1, [News("p", 0, anew=1)], (4.0, 4.0, 0.0), SCAN, room())
+    look = round(CIRCLES_S * SPEC.lidar.rate_hz)
+    team.judge(look, room(), (0.0, 0.0, 0.0))
+    team.hear(look, [News("p", 0, beacon=Beacon(look, (0.0, 0.0, 0.0)))], (4.0, 4.0, 0.0), SCAN, room())
+    team.judge(2 * look, room(), (0.0, 0.0, 0.0))
+    assert isinstance(team.peers["p"], Merged)
+    news = News("p", 0, map=ReceivedMap(moved(room(), pose_of(PEER)), 2 * look))
+    team.hear(2 * look, [news], (4.0, 4.0, 0.0), SCAN, room())
+    team.judge(3 * look, room(), (0.0, 0.0, 0.0))
+    assert isinstance(team.peers["p"], Proposed)
+
+
 def test_a_peer_tells_of_so_many_and_no_more() -> None:
     log = PeerLog("x")
     log.take_frames({f"r{k}": (0.0, 0.0, 0.0) for k in range(2 * MAX_ROBOTS)})
