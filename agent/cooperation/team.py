@@ -264,7 +264,8 @@ class Team:
             if not peer.walls.take_doubt():
                 return
             if figures := contradiction(peer):
-                self.aligner.take_growth(peer.log, own)  # these maps and sightings would bring the same one back
+                if peer.map is peer.log.map:  # else a newer one may bring another transform
+                    self.aligner.take_growth(peer.log, own)  # these maps and sightings would bring the same one back
                 self.undo(peer, "own scans contradict it", figures)
             else:
                 self._replace(peer, hide_seen_through(peer))
