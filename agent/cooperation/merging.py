@@ -136,7 +136,6 @@ def doubted(peer: Merged, tick: int) -> Merged:
 
     From a checkpoint it goes on in the same frame.
     """
-    peer.log.map_is_news &= not peer.log.map_is_old
     return replace(peer, since=tick, refused=REFUSED_MAPS - 1)
 
 

@@ -297,9 +297,10 @@ class Team:
             return False
         if isinstance(peer, Merged):
             own_moves = self.spec.odometry.noisy  # else own walls stay where they are
-            if tick - peer.updated < self._ticks(REFINE_S) or not (log.map_is_news or own_moves):
+            map_is_news = log.map_is_news and not log.map_is_old
+            if tick - peer.updated < self._ticks(REFINE_S) or not (map_is_news or own_moves):
                 return False
-            if log.map_is_news:
+            if map_is_news:
                 self._update(tick, peer, own)
             else:
                 self._replace(peer, refit(peer, tick, own))

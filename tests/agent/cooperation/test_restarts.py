@@ -120,3 +120,11 @@ def test_at_the_end_a_peer_that_has_told_its_map_and_not_its_place_is_merged_no_
     team.hear(HEARD + 5, [news], HERE, SCAN, OWN)
     team.conclude(HEARD + 5, OWN)
     assert isinstance(team.peers["p"], Unaligned)
+
+
+def test_a_map_of_the_frame_before_takes_the_doubt_about_a_merge_not_back() -> None:
+    """It agreed with itself, and four more of the new frame had to contradict the merge."""
+    team, log = known(HEARD - 2)
+    team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), MET, OWN)
+    peer = hear(team, HEARD + 15, AFTER, anew=MET)  # by its tick it may be of the new process, by its place it is not
+    assert log.map_is_old and isinstance(peer, Merged) and peer.refused == REFUSED_MAPS - 1
