@@ -15,7 +15,7 @@ from protocol.viewpoints import Views
 from protocol.wireframe import Wireframe
 
 KEPT_MAPS = 8
-"""Versions of one peer's map that are kept: one acknowledged, one on its way, and those of time-outs in between."""
+"""Versions of one peer's map that are kept beside its base: one on its way, and those of time-outs in between."""
 MAPS_AT_ONCE = 2
 """Periods' worth of maps that a peer may send at once, and later two a period (ours): reading one takes up to 40 ms."""
 KEPT_VIEWS = 6000
@@ -129,7 +129,9 @@ class Known:
         body = b"".join(bodies[index] for index in range(arriving.count))
         whole = decode_map(body, self.maps[part.base] if part.base else None)
         kept = {version: old for version, old in self.maps.items() if version >= part.base} | {part.version: whole}
-        self.maps = {version: kept[version] for version in sorted(kept)[-KEPT_MAPS:]}
+        for old in sorted(kept.keys() - {part.base})[:-KEPT_MAPS]:  # without its base it would seem to have begun anew
+            del kept[old]
+        self.maps = kept
         self.map_tick = min(part.version, tick)
         return Ack(part.version), ReceivedMap(whole.wireframe(), self.map_tick)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from agent.communication import receiving, telling
 from agent.communication.config import TalkConfig
 from agent.communication.exchange import MOST_ANSWERS, MOST_FROM_PEER, Exchange
-from agent.communication.receiving import ReceivedMap
+from agent.communication.receiving import KEPT_MAPS, Known, ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import decode_map, encode_map
@@ -303,6 +303,17 @@ def test_nobody_begins_anew_where_messages_are_lost_and_contact_breaks() -> None
         pair.show(comb(rooms))
         pair.run(20, cut=rooms % 5 == 0)
     assert "lost" in {what for _, _, what in pair.events} and not pair.anew
+
+
+def test_nobody_begins_anew_whose_answers_are_all_lost() -> None:
+    """After eight versions it had dropped the one that changes were told to, and said that it had nothing."""
+    first, known = encode_map(quantise(comb(9), 10, 0)), Known()
+    changed = encode_map(quantise(comb(9, 0.5), 10, 0), first.map).data
+    parts = [Part(1, 0, 0, 1, first.data), *(Part(2 + k, 1, 0, 1, changed) for k in range(2 * KEPT_MAPS))]
+    for part in parts:
+        ack, new = known.take_part(part.version, part, patience_ticks=100, period_ticks=0)
+        assert ack == Ack(part.version) and new is not None
+    assert len(known.maps) == KEPT_MAPS + 1
 
 
 def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:
