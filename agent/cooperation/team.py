@@ -385,7 +385,10 @@ class Team:
         return True
 
     def _align_by_thirds(self, peer: Unaligned, own: Wireframe) -> bool:
-        """Propose the frame on which most merged peers agree, if their word suffices or the walls agree."""
+        """Propose the frame on which most merged peers agree, if their word suffices or the walls agree.
+
+        Their word may be of the frame before of a peer that was started anew: there walls must agree.
+        """
         log = peer.log
         assert log.map is not None
         said = thirds.words(peer, self.merged)
@@ -399,7 +402,8 @@ class Team:
         near = self.aligner.align_near(log, own, found.transform)
         if near is None:
             return False
-        if near.transform is not None or nats_of_thirds(found.agree) >= self.config.verification.accept:
+        suffices = not log.began_anew and nats_of_thirds(found.agree) >= self.config.verification.accept
+        if near.transform is not None or suffices:
             log.thirds_on_trial = found.agree
             transform = near.transform or pose_of(found.transform)
             self.propose(peer, transform, own, {**near.figures(), "thirds": found.agree}, near, how="told by thirds")
