@@ -28,7 +28,8 @@ the middle of `hall` the lap of 1 m left a map turned by 0.45 degrees as it was,
 STOPS = 6  # places on a lap
 MOST_LEFT = 6
 """Times that the way home may be left before its end: as often as a robot waits for teammates that bar a goal. Past a
-door that opens and closes by the side from which it is seen, one would go to and fro for ever."""
+door that opens and closes by the side from which it is seen, one would go to and fro for ever. It may be left as often
+again once all else is done."""
 
 
 class Way(NamedTuple):
@@ -44,7 +45,8 @@ class Homing:
     def __init__(self) -> None:
         self._heads_home = False  # whether the last task is to go home
         self._was_home = False  # whether that has ended, and all since were laps
-        self._left = 0  # times that it was left for another goal since it last ended
+        self._left = 0  # times that it was left for another goal since it last ended, or all else was first done
+        self._all_else_done = False  # whether all else was done since then
         self._lap: list[Floats] = []  # places (2,) that are left of the lap under way
         self._radii: Iterator[float] = iter(())  # of the laps that may follow
 
@@ -62,6 +64,8 @@ class Homing:
     def next(self, map_sd_m: Callable[[], float], ways: Sequence[Roads]) -> Way | None:
         """Home, or on along a lap about it; None where the map is known well enough, or there was the last lap."""
         if not self._was_home:
+            if not self._all_else_done:  # who barred the way while there were open ends may have gone
+                self._all_else_done, self._left = True, 0
             self._lap, self._radii = [], iter(LAPS_M)
             return self.home(map_sd_m, ways)
         if not self._lap:
@@ -89,7 +93,7 @@ class Homing:
     def done(self, task: Task) -> None:
         """A task has ended: the robot stood where it asked, or could not."""
         if task.kind == "home":
-            self._heads_home, self._was_home, self._left = False, True, 0
+            self._heads_home, self._was_home, self._left, self._all_else_done = False, True, 0, False
 
 
 def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:
