@@ -437,7 +437,7 @@ def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
 def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_began_once(map_sd_m):
     closed, pose = chain([(-2, -2), (4, -2), (4, 2), (-2, 2), (-2, -2)]), np.array((3.0, 1.0, 2.0))
     robot, commands = explorer(default_state="least-likely", pockets=False), []
-    for tick in range(400):
+    for tick in range(1200):
         situation = Situation(tick, closed, 1, pose_of(pose), Wireframe(), NOBODY, map_sd_m=lambda: map_sd_m)
         commands.append(step(robot, situation))
         ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
