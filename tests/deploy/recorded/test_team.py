@@ -84,9 +84,9 @@ def test_without_sharing_maps_are_told_and_nothing_is_made_of_them() -> None:
 
 def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
     """They have grown by too little to be aligned in a drive that goes on."""
-    first, _ = play([log.part(0, 44, "begin") for log in both_ways()], carried(AgentConfig()), 8.0, lambda *_: None)
+    first, _ = play([log.part(8, 50, "begin") for log in both_ways()], carried(AgentConfig()), 8.0, lambda *_: None)
     last = first.events[-1]
-    assert (last["event"], last["tick"], last["peer"]) == ("accepted", 43, "r2")
+    assert (last["event"], last["tick"], last["peer"]) == ("accepted", 41, "r2")
     assert [peer.log.name for peer in first.mind.team.merged] == ["r2"]
 
 
