@@ -60,6 +60,21 @@ def test_after_another_task_home_is_new_again():
     assert tasks[0].kind == "home"
 
 
+def test_laps_go_on_where_they_were_left_and_end():
+    """They began anew, for 900 s, where an end opened as it was seen from a lap and closed from elsewhere."""
+    homing, ways, laps = Homing(), [Roads(OPEN, np.array((3.0, 1.0)), 0.25)], 0
+    for _ in range(10 * len(LAPS_M) * (STOPS + 1)):
+        way = homing.next(lambda: 0.03, ways)
+        if way is None:
+            break
+        homing.pursue(way.task)
+        homing.done(way.task)
+        if way.task.kind == "lap":
+            laps += 1
+            homing.pursue(Task("frontier", np.zeros(2), np.zeros(2)))
+    assert way is None and laps == len(LAPS_M) * (STOPS + 1)
+
+
 def test_where_only_tight_ways_lead_laps_are_driven_too():
     _, _, tasks = driven([0.03], most=3, clearances=(9.5, 0.2))
     assert [task.kind for task in tasks] == ["home", "lap", "lap"]
