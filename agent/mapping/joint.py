@@ -98,9 +98,8 @@ def _tip_sd(edges: Records, e: int, side: int, joint: Floats, pose: Pose) -> flo
     """Standard deviation of an end along its wall as seen from the robot, m; 0 where it is not known."""
     w, row, f = edges[e], row_of(e), edges[e].link[side]
     tip = tip_at(w, side)
-    x, y = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
     rows, slopes = np.array((0, 1, 2, row + 2 + side, 0, 0, 0)), np.zeros(7)
-    slopes[0], slopes[1], slopes[2] = w.ux, w.uy, w.uy * x - w.ux * y
+    slopes[0], slopes[1], slopes[2] = lengthwise(w, tip, pose)
     if 0 <= f < has_rows(joint) and joint[row_of(f), row_of(f)] > 0.0:
         rows[3], rows[4], rows[5], rows[6] = row, row + 1, row_of(f), row_of(f) + 1
         slopes[3:] = corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
@@ -274,6 +273,13 @@ def forget(joint: Floats, row: int) -> None:
 def middle_of_end(wall: Record, side: int) -> float:
     """Coordinate along its wall at which an end is taken to be: the middle of its slack."""
     return float(tip_at(wall, side) + (0.5 if side == 1 else -0.5) * wall.slack[side])
+
+
+@kernel
+def lengthwise(wall: Record, tip: float, pose: Pose) -> tuple[float, float, float]:
+    """By how much an end, `tip` along its wall, seems farther on by errors of the pose (x, y, theta)."""
+    x, y = wall.x + tip * wall.ux - pose[0], wall.y + tip * wall.uy - pose[1]
+    return wall.ux, wall.uy, wall.uy * x - wall.ux * y
 
 
 @kernel

@@ -26,6 +26,7 @@ from agent.mapping.joint import (
     end_sd,
     has_rows,
     is_landmark,
+    lengthwise,
     place_end,
     row_of,
     tells_end,
@@ -259,20 +260,19 @@ def _observe_wall(
             continue
         outward, tip = 1.0 if side == 1 else -1.0, tip_at(w, side)
         off = tip - t - p.end[side] + outward * (0.5 * w.slack[side] - end_at(p.slack[side]) * p.slack[side])
-        ex, ey = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
         sd = end_sd(SLACK_SD * (p.slack[side] + w.slack[side]), noise)
-        lengthwise, f = (w.ux, w.uy, w.uy * ex - w.ux * ey), w.link[side]
+        by_end, f = lengthwise(w, tip, pose), w.link[side]
         if f >= 0 and related(edges[f]):
             corner = corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
             rows = np.array((row, row + 1, row_of(f), row_of(f) + 1))
-            _observe(update, p.moment, lengthwise, rows, corner, off, sd * sd, END_SIGMAS)
+            _observe(update, p.moment, by_end, rows, corner, off, sd * sd, END_SIGMAS)
         elif is_landmark(w, side):
             end, rows, slopes = row + 2 + side, np.zeros(6, np.int64), np.zeros(6)
             if update.joint[end, end] > 0.0:
                 itself = np.array((end,)), np.array((-1.0,))
-                _observe(update, p.moment, lengthwise, *itself, off, sd * sd, END_SIGMAS)
+                _observe(update, p.moment, by_end, *itself, off, sd * sd, END_SIGMAS)
                 continue
-            _spread(rows, slopes, p.moment, lengthwise)
+            _spread(rows, slopes, p.moment, by_end)
             settle(update)
             place_end(update.joint, end, rows, slopes, sd * sd)
 

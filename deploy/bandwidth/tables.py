@@ -7,7 +7,6 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 from rich.text import Text
 
-from deploy import manifest
 from deploy.bandwidth.replay import config_of
 from deploy.bandwidth.representations import FORMS, Measurement
 from deploy.sensing import named
@@ -24,8 +23,9 @@ def document(run: Path, measurement: Measurement) -> dict[str, Any]:
     """All figures of a run. full_by_default: its robots' settings are not on record, as by `wireswarm world`."""
     totals = measurement.totals()
     ratios = {name: round(totals["delta"] / size, 6) if size else None for name, size in totals.items()}
-    config = manifest.read(run)["config"]
-    about = {"run": str(run), "sensing": named(config_of(run).spec), "full_by_default": "agent" not in config}
+    config = config_of(run)
+    full_by_default = "agent" not in config.model_fields_set
+    about = {"run": str(run), "sensing": named(config.spec), "full_by_default": full_by_default}
     return {**about, **measurement.books, **measurement.as_dict(), "delta_against": ratios}
 
 
