@@ -45,11 +45,11 @@ class Teammates:
         self.known: list[Teammate] = []
 
     def update(self, tick: int, places: Floats) -> None:
-        """Take in where teammates are seen now (k, 2)."""
+        """Take in where teammates are seen now (k, 2): of two side by side each keeps its own place."""
         memory = MEMORY_S * self.rate_hz
         self.known = [mate for mate in self.known if tick - mate.seen <= memory or tick < mate.avoid_until]
         for x, y in places.tolist():
-            mate = self.near(x, y, _SAME_M)
+            mate = self.near(x, y, _SAME_M, before=tick)
             if mate is None:
                 self.known.append(Teammate(x, y, tick, x, y, tick))
                 continue
@@ -66,9 +66,10 @@ class Teammates:
         places = [(mate.x, mate.y) for mate in self.known if mate.seen < tick]
         return np.array([at for at in places if math.dist(at, (x, y)) <= self._blind_m]).reshape(-1, 2)
 
-    def near(self, x: float, y: float, reach_m: float) -> Teammate | None:
-        """The teammate nearest to (x, y), if within reach."""
-        mate = min(self.known, key=lambda mate: math.hypot(mate.x - x, mate.y - y), default=None)
+    def near(self, x: float, y: float, reach_m: float, before: float = math.inf) -> Teammate | None:
+        """The teammate nearest to (x, y) of those last seen before a tick, if within reach."""
+        mates = (mate for mate in self.known if mate.seen < before)
+        mate = min(mates, key=lambda mate: math.hypot(mate.x - x, mate.y - y), default=None)
         return mate if mate is not None and math.hypot(mate.x - x, mate.y - y) <= reach_m else None
 
     def avoid(self, mate: Teammate, tick: int) -> None:

@@ -694,6 +694,15 @@ def test_a_teammate_that_stands_is_in_the_way_until_it_was_not_seen_for_long():
     assert not mates.in_the_way(60)
 
 
+@pytest.mark.parametrize("gap", [0.27, 0.29, 0.31])
+def test_two_teammates_that_stand_side_by_side_are_both_in_the_way(gap):
+    """As one that went to and fro they never stood, and a third robot planned through both of them in a corridor."""
+    mates, two = Teammates(SPEC), np.array([[3.0, 0.5], [3.0, 0.5 + gap]])
+    for tick in range(11):
+        mates.update(tick, two if tick % 2 else two[::-1])
+    assert sorted([mate.x, mate.y] for mate in mates.in_the_way(10)) == two.tolist()
+
+
 def test_a_teammate_that_is_too_near_to_be_measured_is_not_driven_into():
     """It comes up to the robot, stops 0.25 m before it, and is in no scan from 0.27 m on."""
     room, robot = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), explorer(default_state="perimeter")
