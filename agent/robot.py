@@ -181,7 +181,7 @@ class Robot:
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends, is_laid)
         places, contacts = self.team.places, self.exchange.contacts
         in_sight = self.config.cooperation.sharing and len(scan.discs) > 0
-        in_sight = in_sight and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
+        in_sight = in_sight and bool(places.strange_to(contacts) or places.strangers_among(tick, contacts))
         frames, asks = self.team.frames, self.team.asks_for_views
         return self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
 
@@ -228,7 +228,7 @@ class Robot:
             left_ends=self.team.views.ends,
             glimpses=self.filter.glimpses,
             sees_past=lambda places, aside_m: sees_places(places, aside_m, view_of(scan, self.filter.pose, margin_m)),
-            is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),
+            strangers=self.team.places.strange_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,
         )

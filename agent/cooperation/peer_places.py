@@ -76,9 +76,9 @@ class PeerPlaces:
         in_touch = np.array([log.heard_within(tick, IN_TOUCH_S * self._rate_hz) for log, *_ in heard], np.bool_)
         return rows[in_touch], rows[~in_touch]
 
-    def is_stranger_to(self, contacts: Iterable[str]) -> bool:
-        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
-        return self._sharing and not all(map(self._knows_me, contacts))
+    def strange_to(self, contacts: Iterable[str]) -> list[str]:
+        """Those in contact that have not merged the robot's map, by all that they said; none where none are shared."""
+        return [name for name in contacts if self._sharing and not self._knows_me(name)]
 
     def _knows_me(self, name: str) -> bool:
         """Whether somebody has merged the robot's map. Where work is not divided nobody says so: merges are mutual."""

@@ -200,7 +200,7 @@ class Explorer:
 
         A robot that has parked steps aside where it is seen by somebody who does not know its frame.
         """
-        if self.complete and scene.is_stranger and len(scene.discs) and (aside := self._step_aside(scene)):
+        if self.complete and scene.strangers and len(scene.discs) and (aside := self._step_aside(scene)):
             return aside
         return self.target or self._choose_default(scene, self._put_back)
 
@@ -439,10 +439,10 @@ class Explorer:
 
     def _step_aside(self, scene: Scene) -> Target | None:
         """Park elsewhere, nearby, so that who sees the robot can tell it from a post."""
-        if not self.parking.may_step_aside(scene.tick, scene.here, self.target):
+        if not self.parking.may_step_aside(scene.tick, scene.here, self.target, scene.strangers):
             return None
         roads, again = self.surroundings.tight_ways(scene), scene.tick + self._ticks(AGAIN_S)
-        place = self.parking.aside(again, scene.here, self.viewpoints.own_places(), roads)
+        place = self.parking.aside(again, scene.here, self.viewpoints.own_places(), roads, scene.strangers)
         return None if place is None else self._park_at(scene, place)
 
     def _barred(self, scene: Scene) -> bool:

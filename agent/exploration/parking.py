@@ -1,5 +1,7 @@
 """Where a complete robot parks, and where it shows itself to somebody who does not know its frame (ours)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agent.exploration import standing
@@ -8,7 +10,8 @@ from agent.exploration.path import ARRIVED_M
 from agent.exploration.planning import Roads
 from protocol.arrays import Floats
 
-MOST_SHOWN = 8  # places where a complete robot shows itself: three sightings decide, and who never merges gains no more
+MOST_SHOWN = 8
+"""Places where a complete robot shows itself to a stranger: three sightings decide, who never merges gains no more."""
 AGAIN_S = 1.0  # seconds after which a robot that is barred asks again for such a place, as planning takes its time
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 
@@ -17,12 +20,13 @@ class Parking:
     """The choice of a place to park, and where a robot that has parked has shown itself since."""
 
     def __init__(self) -> None:
-        self._shown: list[Floats] = []  # (2,) each
+        self._shown: list[Floats] = []  # (2,) each, since the last stranger came
+        self._moves: dict[str, int] = {}  # for each stranger, how often the robot has shown itself on its account
         self._again = 0  # tick before which no further place is asked for
 
     def leave(self) -> None:
         """The robot has something to do again."""
-        self._shown = []
+        self._shown, self._moves = [], {}
 
     def choose(self, here: Floats, own: Floats, roads: Roads, parked: Target | None) -> Target:
         """Home, or else an own former place (k, 2), where others have room to pass.
@@ -40,17 +44,24 @@ class Parking:
         route = route or standing.out_of_the_way(places, roads)
         return _at_end_of(here[None] if route is None else route.path, roads)
 
-    def may_step_aside(self, tick: int, here: Floats, parked: Target | None) -> bool:
-        """Whether a robot has arrived where it parks, has not shown itself often enough, nor was barred just now."""
+    def may_step_aside(self, tick: int, here: Floats, parked: Target | None, strangers: Sequence[str]) -> bool:
+        """Whether a robot has arrived where it parks, has not shown itself often enough, nor was barred just now.
+
+        strangers: names of those who do not know its frame. Who comes later has seen it nowhere yet.
+        """
+        for name in strangers:
+            if name not in self._moves:
+                self._shown, self._moves[name] = [], 0
         if parked is None or tick < self._again:
             return False
-        return parked.within(ARRIVED_M, here) and len(self._shown) < MOST_SHOWN
+        return parked.within(ARRIVED_M, here) and any(self._moves[name] < MOST_SHOWN for name in strangers)
 
-    def aside(self, again: int, here: Floats, own: Floats, roads: Roads) -> Target | None:
+    def aside(self, again: int, here: Floats, own: Floats, roads: Roads, strangers: Sequence[str]) -> Target | None:
         """A place near one where it has parked (2,), apart from all where it has shown itself; None without any.
 
         What stands still may be a post, and is no evidence of where its frame lies. own: (k, 2) former places.
         again: tick at which it is asked again where there is none, as a teammate may bar it for a moment.
+        strangers: as in `may_step_aside`; the move is on the account of the one with the fewest.
         """
         shown = [*self._shown, here]
         route = standing.aside(np.array(shown), own, roads)
@@ -58,6 +69,7 @@ class Parking:
             self._again = again
             return None
         self._shown = shown
+        self._moves[min(strangers, key=self._moves.__getitem__)] += 1
         return _at_end_of(route.path, roads)
 
 

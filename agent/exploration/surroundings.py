@@ -1,7 +1,7 @@
 """What is around the robot in a tick: walls of map and scan, teammates, walls found by touch, and ways around them."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -53,7 +53,7 @@ class Situation:
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(g, 2) middles of what the last mapped scan hit and is no wall yet: the same array until another is mapped."""
     sees_past: SeesPast = sees_nothing  # which places the scan sees past, frame of the map
-    is_stranger: bool = False  # whether somebody in contact does not know where the robot's frame lies
+    strangers: Sequence[str] = ()  # those in contact that do not know where the robot's frame lies
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
     map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked
 

@@ -83,7 +83,7 @@ def test_without_sharing_nothing_is_aligned() -> None:
     run = explore({**MEET, "max_time_s": 40.0}, {"cooperation": {"sharing": False}})
     for mind in run.robots.values():
         assert mind.exchange.contacts and not mind.team.peers
-        assert not mind.team.places.is_stranger_to(mind.exchange.contacts)  # nor does it drive to be seen
+        assert not mind.team.places.strange_to(mind.exchange.contacts)  # nor does it drive to be seen
 
 
 def test_forced_wrong_proposals_are_not_accepted() -> None:
@@ -152,5 +152,5 @@ def test_without_division_of_work_who_is_merged_is_no_stranger() -> None:
     run = explore(MEET, {"cooperation": {"division": False}})
     for name, mind in run.robots.items():
         peer = next(other for other in run.robots if other != name)
-        assert mind.team.places.is_stranger_to([peer]) is not bool(mind.team.merged)
+        assert mind.team.places.strange_to([peer]) == ([] if mind.team.merged else [peer])
     assert any(mind.team.merged for mind in run.robots.values())

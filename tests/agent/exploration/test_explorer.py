@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -805,14 +805,14 @@ def test_where_another_one_has_parked_a_robot_parks_elsewhere():
     assert not any(moved[300:])
 
 
-@pytest.mark.parametrize(("stranger", "seen"), [(True, True), (False, True), (True, False)])
-def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_its_frame(stranger, seen):
+@pytest.mark.parametrize(("strangers", "seen"), [(["r2"], True), ([], True), (["r2"], False)])
+def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_its_frame(strangers, seen):
     """In `made.traced` (1, seed 0) a robot saw another one parked for a minute, and could not be sure of it."""
     room, stands, pose = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), [], np.array([0.5, 0.0, 0.0])
     robot, disc = explorer(default_state="least-likely", pockets=False), np.array([[2.0, 0.0]]) if seen else NOBODY
     robot.complete = True
     for tick in range(600):
-        command = step(robot, Situation(tick, room, 1, tuple(pose), Wireframe(), disc, is_stranger=stranger))
+        command = step(robot, Situation(tick, room, 1, tuple(pose), Wireframe(), disc, strangers=strangers))
         pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
         pose[2] += 0.2 * command.turn_rps
         assert command.complete
@@ -821,7 +821,7 @@ def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_i
         if not command.speed_mps and not command.turn_rps and tick > 300:
             break
     assert tick < 599
-    assert len(stands) == (9 if stranger and seen else 1)
+    assert len(stands) == (9 if strangers and seen else 1)
     apart = np.hypot(*(np.array(stands)[:, None] - np.array(stands)).transpose(2, 0, 1))
     assert (apart[np.triu_indices(len(stands), 1)] > 0.3).all()
 
@@ -832,14 +832,40 @@ def test_a_parked_robot_that_is_barred_for_a_while_shows_itself_afterwards():
     dead_end = chain([(3, 0.3), (0, 0.3), (0, -0.3), (3, -0.3)])
     there, barrier, places = Target(Task("park", here, here), here[None], 0.13), np.array([(0.7, -0.3, 0.7, 0.3)]), []
     for tick in range(2 * MOST_SHOWN):
-        assert parking.may_step_aside(tick, here, there)
+        assert parking.may_step_aside(tick, here, there, ["r2"])
         walls = barrier if tick < MOST_SHOWN else NO_BARRIER
-        places.append(parking.aside(tick + 1, here, own, Roads(dead_end, here, 0.13, walls)))
+        places.append(parking.aside(tick + 1, here, own, Roads(dead_end, here, 0.13, walls), ["r2"]))
         if places[-1]:
             break
     assert len(places) == MOST_SHOWN + 1
-    parking.aside(tick + 2, here, own, Roads(dead_end, here, 0.13, barrier))
-    assert not parking.may_step_aside(tick + 1, here, there)
+    parking.aside(tick + 2, here, own, Roads(dead_end, here, 0.13, barrier), ["r2"])
+    assert not parking.may_step_aside(tick + 1, here, there, ["r2"])
+
+
+@pytest.mark.parametrize(
+    "groups, moves",
+    [
+        ([["r2"], ["r3"], ["r4"], ["r5"]], [3, 3, 3, 3]),
+        ([["r2", "r3", "r4", "r5"], ["r3", "r4", "r5"], ["r4", "r5"], ["r5"]], [3, 3, 3, 3]),
+        ([["r2"]] * 4, [3, 3, 2, 0]),
+        ([["r2"], ["r3"], ["r2"], ["r3"], ["r2"], ["r3"]], [3, 3, 3, 3, 2, 2]),
+    ],
+    ids=["one after the other", "all in contact", "one that never merges", "two that never merge"],
+)
+def test_a_parked_robot_shows_itself_to_each_stranger(groups, moves):
+    """The first strangers had all of its places, and one that came later waited for ever. Three sightings decide."""
+    room, at = chain([(-6, -6), (6, -6), (6, 6), (-6, 6), (-6, -6)]), np.arange(-4.0, 4.1)
+    own, parking, ticks = np.column_stack([*map(np.ravel, np.meshgrid(at, at))]), Parking(), count()
+    shown: list[int] = []
+    there = Target(Task("park", np.zeros(2), np.zeros(2)), np.zeros((1, 2)), 0.13)
+    for strangers in groups:
+        shown.append(0)
+        for tick in islice(ticks, 3):
+            here = there.task.stand
+            if parking.may_step_aside(tick, here, there, strangers):
+                there = parking.aside(tick, here, own, Roads(room, here, 0.13), strangers) or there
+                shown[-1] += there.task.stand is not here
+    assert shown == moves
 
 
 def test_configurations_are_checked():
