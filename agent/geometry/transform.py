@@ -9,7 +9,7 @@ import numpy as np
 
 from agent.kernels import shared_kernel
 from protocol.arrays import Floats
-from protocol.geometry import apply, wrapped
+from protocol.geometry import wrapped
 
 DISTINCT_M = 0.5  # transforms farther apart at the map's centre contradict: twice the least error that counts as wrong
 DISTINCT_RAD = math.radians(10.0)  # the same for their turn
@@ -31,15 +31,6 @@ def inverse(a: Floats) -> Floats:
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrapped(-a[..., 2])], -1)
 
 
-def distance(a: Floats, b: Floats, centre: Floats) -> tuple[float, float]:
-    """How far two transforms (3,) are apart: metres at `centre` (2,) of the map that they move, and radians.
-
-    At the origin of the map's frame a turn could look like a shift, as the map may lie far from it.
-    """
-    gap = apply(a, centre[None])[0] - apply(b, centre[None])[0]
-    return math.hypot(gap[0], gap[1]), abs(float(wrapped(a[2] - b[2])))
-
-
 @shared_kernel
 def move(t: Floats, x: float, y: float) -> tuple[float, float]:
     """One point moved by one transform (3,)."""
@@ -49,7 +40,10 @@ def move(t: Floats, x: float, y: float) -> tuple[float, float]:
 
 @shared_kernel
 def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float) -> bool:
-    """Whether two transforms (3,) differ by more than the limits, metres and rad, at the map's centre (2,)."""
+    """Whether two transforms (3,) differ by more than the limits, metres and rad, at the map's centre (2,).
+
+    At the origin of the map's frame a turn could look like a shift, as the map may lie far from it.
+    """
     if abs(wrapped(a[2] - b[2])) > limit_rad:
         return True
     ax, ay = move(a, centre[0], centre[1])

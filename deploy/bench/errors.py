@@ -6,12 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from agent.geometry.transform import distance
 from protocol.arrays import Floats
-from protocol.geometry import Pose, relative
+from protocol.geometry import Pose, apply, relative, wrapped
 
 RIGHT_M, RIGHT_DEG = 0.25, 5.0  # farther off than either is wrong (the scorer's)
 ORIGIN = np.zeros(2)
+
+
+def distance(a: Floats, b: Floats, centre: Floats) -> tuple[float, float]:
+    """How far two transforms (3,) are apart: metres at `centre` (2,) of the map that they move, and radians."""
+    gap = apply(a, centre[None])[0] - apply(b, centre[None])[0]
+    return math.hypot(gap[0], gap[1]), abs(float(wrapped(a[2] - b[2])))
 
 
 def errors(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose, centre: Floats) -> tuple[float, float]:

@@ -13,7 +13,8 @@ from agent.alignment.encounter import Encounter
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
 from agent.alignment.free_space import free_space_of
 from agent.alignment.prepared import prepare
-from agent.geometry.transform import distance, inverse
+from agent.geometry.transform import inverse
+from deploy.bench.errors import distance
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 from world.maze import generate

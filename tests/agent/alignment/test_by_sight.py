@@ -8,8 +8,8 @@ import pytest
 from agent.alignment.by_sight import Consensus, Sighting, apart_places, consensus, squared
 from agent.cooperation.peer import Merged
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import compose, distance, inverse
-from deploy.bench.errors import errors
+from agent.geometry.transform import compose, inverse
+from deploy.bench.errors import distance, errors
 from deploy.bench.explored import explore
 from protocol.geometry import apply
 from tests.agent.mapping.test_layers import scan_at

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from agent.cooperation.wall_fit import fit_on_walls
-from agent.geometry.transform import compose, distance, inverse
+from agent.geometry.transform import compose, inverse
+from deploy.bench.errors import distance
 from protocol.wireframe import Wireframe, enclosed
 from tests.agent.alignment.test_alignment import moved
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from agent.geometry.transform import apart, compose, distance, fit_on_points, inverse, move
+from agent.geometry.transform import apart, compose, fit_on_points, inverse, move
+from deploy.bench.errors import distance
 from protocol.geometry import apply
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from agent.alignment.candidates import FINE_M
-from agent.geometry.transform import distance, inverse
+from agent.geometry.transform import inverse
 from deploy.bench.alignment.baselines import by_congruent_sets
 from deploy.bench.alignment.congruent_sets import BASE_RADIUS_M, BASE_SIDE_M, draw_bases, matched_clouds
+from deploy.bench.errors import distance
 from protocol.geometry import apply
 from tests.agent.alignment.test_alignment import chain, found, moved
 
