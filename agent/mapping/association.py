@@ -23,6 +23,7 @@ ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
 MOST_TURN = 0.5  # rad that piece and wall may differ by, however unsure their directions are
 _SURELY = 1.000001 * NOISE_SIGMAS**2  # of a variance: a piece so far off a wall is, however numbers are rounded
 _SIGMAS = 1.001 * NOISE_SIGMAS  # the same of standard deviations, of which sums are taken
+BEST = 0.0  # die of who takes the best wall, as a single hypothesis does
 GOES_ON_M = 0.1  # what goes on past an end does so for more than this: scans place ends to a few centimetres
 TURNING_SIGMAS = 2.0
 """Deviations of its own noise that a piece with a corner may lie off a wall that goes on there. In `hurtado_apartment`,
@@ -260,7 +261,7 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     """The wall of each piece, -1 where it is on none, or OF_TWO_WALLS: (k,).
 
     dice: (k,) in [0, 1): a piece that several walls would take is given to one of them with the probability that
-    their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does. seen: whether a
+    their chi-squares say; a die of exactly BEST takes the best. seen: whether a
     scan saw the pieces, so that one wall hides another; those of a layer were all seen elsewhere.
     """
     out = np.full(len(pieces), -1)
@@ -279,7 +280,7 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
         for j in range(found if seen else 0):
             if out[k] >= 0 and near[j] != out[k] and math.isfinite(chi2[j]):
                 out[k] = _one_of(edges, out[k], near[j], pieces[k], gates)
-        if dice[k] == 0.0 or not math.isfinite(best) or out[k] == OF_TWO_WALLS:
+        if dice[k] == BEST or not math.isfinite(best) or out[k] == OF_TWO_WALLS:
             continue
         total = 0.0
         for j in range(found):

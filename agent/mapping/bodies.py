@@ -11,6 +11,7 @@ import numpy as np
 
 from agent.geometry.lines import Record
 from agent.kernels import kernel
+from agent.mapping.scan_merge import NEVER
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 
@@ -74,7 +75,7 @@ def put_off(pieces: Records, dice: Floats, bodies: Bodies, margin: float) -> Non
             p = pieces[k]
             short = p.end[1] - p.end[0] <= 2.0 * (bodies.radius + margin)
             if short and math.hypot(p.x - x, p.y - y) <= reach:
-                dice[k] = 1.0
+                dice[k] = NEVER
 
 
 @kernel

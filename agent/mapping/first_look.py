@@ -12,7 +12,7 @@ import numpy as np
 from agent.corner_scan import FRONTIER, NOISE_FLOOR_M, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import along
 from agent.kernels import kernel
-from agent.mapping.association import Gates, associate
+from agent.mapping.association import BEST, Gates, associate
 from agent.mapping.edges import TENTATIVE, WALL, set_end, set_tip
 from agent.mapping.joint import has_rows, is_landmark, place_end, row_of
 from agent.mapping.tentative import is_steady, tentative_of
@@ -49,7 +49,7 @@ def hold_first_ends(edges: Records, counts: Ints, joint: Floats, pieces: Records
     The pose is exact, so they err by themselves alone: within their slack, of which the median of many scans has all
     places alike, and where two faces meet as the lines of both do. views: how many scans the pieces are of.
     """
-    no_rows, no_slopes, dice = np.zeros(0, np.int64), np.zeros(0), np.zeros(len(pieces))
+    no_rows, no_slopes, dice = np.zeros(0, np.int64), np.zeros(0), np.full(len(pieces), BEST)
     for p in range(len(counts)):
         walls = associate(edges[p], counts[p], pieces, gates, dice)
         for k in range(len(pieces)):

@@ -16,9 +16,9 @@ from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import Record, along
 from agent.geometry.poles import find_poles
 from agent.kernels import kernel
-from agent.mapping.association import Gates, associate
+from agent.mapping.association import BEST, Gates, associate
 from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, is_published, remove, set_end, set_tip, tip_at
-from agent.mapping.scan_merge import merge_scan
+from agent.mapping.scan_merge import ALWAYS, merge_scan
 from agent.mapping.uncut import uncut
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
@@ -180,8 +180,8 @@ def _keep_published(edges: Records, count: int) -> None:
 @kernel
 def _lay(edges: Records, count: int, pieces: Records, likelihood: Floats, gates: Gates) -> int:
     """Merge one layer into the walls; returns the new count. Walls that only the layer has get its likelihood."""
-    walls = associate(edges, count, pieces, gates, np.zeros(len(pieces)), False)
-    count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, 1.0, False)
+    walls = associate(edges, count, pieces, gates, np.full(len(pieces), BEST), False)
+    count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), ALWAYS), gates, 1.0, False)
     for k in range(len(pieces)):
         e = walls[k]
         if e >= 0 and edges[e].kind == WALL and edges[e].seen == 0.0:

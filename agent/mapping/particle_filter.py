@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agent.corner_scan import CornerScan, Sight, at_start, range_noise, to_map_frame
 from agent.kernels import kernel
-from agent.mapping.association import OFFSET_GATE_M, Gates, associate
+from agent.mapping.association import BEST, OFFSET_GATE_M, Gates, associate
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
@@ -36,7 +36,7 @@ from agent.mapping.likelihood import log_likelihood
 from agent.mapping.poles import MOST, POLE, Places, draw_poles, see_poles, settle_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.publication import published
-from agent.mapping.scan_merge import merge_scan
+from agent.mapping.scan_merge import LIKELIER, merge_scan
 from agent.mapping.views import View, margin_of
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
@@ -282,8 +282,8 @@ class WireframeFilter:
 
     def _throw_dice(self, k: int) -> Floats:
         """(p, 2, k) dice of one scan, each particle's from its own generator; the first takes the likelier side."""
-        dice = np.zeros((len(self._dice), 2, k))
-        dice[0, 1] = 0.5
+        dice = np.empty((len(self._dice), 2, k))
+        dice[0, 0], dice[0, 1] = BEST, LIKELIER
         for p in range(1, len(dice)):
             self._dice[p].random(out=dice[p])
         return dice

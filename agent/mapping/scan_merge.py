@@ -50,6 +50,7 @@ from agent.mapping.tentative import become_wall, cuts_corner, is_bent, take_piec
 from protocol.arrays import Floats, Ints, Records
 
 SAME_DIRECTION = 0.95  # cosine of 18 degrees: walls that differ more in direction are never tried as one
+ALWAYS, LIKELIER, NEVER = -1.0, 0.5, 1.0  # dice: becomes a wall, or if that is likelier than not, or does not
 
 
 @kernel
@@ -59,12 +60,12 @@ def merge_scan(
     """Merge pieces (map frame), each with its wall as of `associate`, into a particle; returns the new count.
 
     `walls` (k,) is updated in place: pieces on no wall get their tentative wall, or the wall that it has become; joined
-    walls are renamed. dice: (k,) in [0, 1), a tentative wall becomes one of the map if its piece's die is below its
-    probability; 0.5 takes the likelier side. patience: the particle's own, as a factor. own: whether the robot saw the
-    pieces itself, and not a peer.
+    walls are renamed. dice: (k,), a tentative wall becomes one of the map if its piece's die, in [0, 1) or ALWAYS,
+    LIKELIER or NEVER, is below its probability. patience: the particle's own, as a factor. own: whether the robot saw
+    the pieces itself, and not a peer.
     """
     # where all pieces become walls, nobody asks which way walls go
-    axis, trust = common_axis(edges, count) if (dice >= 0.0).any() else (0.0, 0.0)
+    axis, trust = common_axis(edges, count) if (dice != ALWAYS).any() else (0.0, 0.0)
     lines, bent = lines_of(edges, count, len(pieces), gates), np.empty(len(pieces), np.bool_)
     near = np.empty(count + len(pieces), np.int64)
     for k in range(len(pieces)):

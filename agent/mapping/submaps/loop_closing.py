@@ -51,8 +51,9 @@ class LoopClosing:
     def take(self, tick: int, scan: CornerScan, by: Pose, scale: float, pose: Pose, covariance: Floats) -> bool:
         """Take a tick's scan; whether a loop shows that the filter's map is torn.
 
-        by: the motion since the last one by odometry, in the robot's frame then. scale: metres of it for a metre that
-        the wheels told. pose: the filter's after the scan, with its covariance (3, 3).
+        by: the motion since the last one, in the robot's frame then: the filter's way, its constants of the wheels
+        applied. scale: metres of it for a metre that the wheels told. pose: the filter's after the scan, with
+        its covariance (3, 3).
         """
         if not self._frames:
             self._begin(tick, pose, covariance)
