@@ -120,17 +120,18 @@ def _results(client: Client, tasks: Sequence[WorkerTask], doubted: set[str]) -> 
     So are those on which Dask gave up, once: it blames a worker's death on the tasks that wait there, too. Their keys
     are put into `doubted`, and fail where it happens again when they are asked for alone.
     """
-    by_key = {task.key: task for task in tasks}
-    futures = client.map(work, tasks, code=sources(), key=list(by_key), retries=0)
+    code = sources()
+    named = {f"{task.key}-{code}": task for task in tasks}  # Dask does what has one name once, for all its clients
+    futures = client.map(work, tasks, code=code, key=list(named), retries=0)
     arriving = as_completed(futures, loop=client.loop)
     del futures  # a future that is kept pins its result to a worker, and has it computed again where that dies
     for future in arriving:
         if future.status == "finished":
             yield future.result()
         elif isinstance(error := future.exception() if future.status == "error" else None, KilledWorker):
-            if future.key in doubted:
-                yield by_key[future.key].row(FAILED, f"its worker died {2 * (error.allowed_failures + 1)} times")
-            doubted.add(future.key)
+            if (task := named[future.key]).key in doubted:
+                yield task.row(FAILED, f"its worker died {2 * (error.allowed_failures + 1)} times")
+            doubted.add(task.key)
         elif isinstance(error, OtherSourcesError):
             raise LinkError(str(error))
         elif error is not None:

@@ -1,6 +1,7 @@
 """One run of a sweep, and all its figures."""
 
 import json
+import socket
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ from deploy import inprocess
 from deploy.bench.errors import false_of
 from deploy.config import RunConfig
 from deploy.metrics import score, truth_of
-from deploy.sweep.plan import Job
-from deploy.sweep.work import Row, WorkerTask
+from deploy.sweep.plan import Job, minds_hash
+from deploy.sweep.work import OtherSourcesError, Row, WorkerTask
 from protocol.geometry import Pose, pose_of
 from protocol.temporary import temporary_folder
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
@@ -32,7 +33,12 @@ def task_of(job: Job) -> WorkerTask:
 
 
 def measure(job: Job) -> Row:
-    """Run a job in this process; its figures."""
+    """Run a job in this process; its figures. Raises OtherSourcesError where it has other minds than the job's."""
+    if minds_hash(minds := job.config["mind"], loaded=True) != job.hashes["mind.hash"]:
+        raise OtherSourcesError(
+            f"{socket.gethostname()} has another version of {', '.join(sorted(set(minds.values())))}, or has loaded it "
+            "before it was changed: bring the same file there, and start workers and sweep again"
+        )
     with temporary_folder() as folder:
         kept = folder / "world.yaml"
         try:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence, Set
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -167,10 +168,25 @@ def _draw(rng: np.random.Generator, key: str, choices: Range | list[Any]) -> Any
     return min(max(round(value), low), high) if whole else value
 
 
-def _source_hash(mind: str) -> str:
-    """Of the file in which a mind is written; empty where it has none. Raises InputError."""
-    file = source_of(mind)
-    return "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+def minds_hash(minds: Mapping[str, str], loaded: bool = False) -> str:
+    """Of the files in which the minds of your own are written, as in the column `mind.hash`. Raises InputError.
+
+    loaded: as they were when this process first asked for them, which it does as it loads them; else as they are now.
+    """
+    return _hash(_source_hashes(minds, loaded))
+
+
+def _source_hashes(minds: Mapping[str, str], loaded: bool = False) -> dict[str, str]:
+    """Of the file of each robot's mind; empty where it has none."""
+    of, files = _hash_when_loaded if loaded else _file_hash, {robot: source_of(name) for robot, name in minds.items()}
+    return {robot: "" if file is None else of(file) for robot, file in files.items()}
+
+
+def _file_hash(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+_hash_when_loaded = cache(_file_hash)
 
 
 def _hash(content: Any) -> str:
@@ -184,7 +200,7 @@ def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[J
     for key, value in settings.items():
         put(tree, key, value)
     whole = validated(RunConfig, tree).model_dump(mode="json")
-    minds = {robot: _source_hash(name) for robot, name in whole["mind"].items()}
+    minds = _source_hashes(whole["mind"])
     hashes = {"world.hash": _hash(document), "mind.hash": _hash(minds)}
     for seed in seeds:
         config = whole | {"seed": seed}

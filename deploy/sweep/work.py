@@ -15,7 +15,7 @@ OK, FAILED = "ok", "failed"
 
 
 class OtherSourcesError(RuntimeError):
-    """The worker's code is not that of the command that asks it for a task."""
+    """The worker's code, or a mind of your own on it, is not that of the command that asks it for a task."""
 
 
 class WorkerTask(NamedTuple):
@@ -44,7 +44,10 @@ def work(task: WorkerTask, code: str) -> Row:
     began, cpu = time.perf_counter(), time.thread_time()
     try:
         row = task.row(OK) | task.call(*task.arguments)
+    except OtherSourcesError:
+        raise
     except Exception as error:
-        row = task.row(FAILED, f"{type(error).__name__}: {error}")
+        said = f"{type(error).__name__}: {error}"  # it may quote a file's name, which need not be UTF-8
+        row = task.row(FAILED, said.encode(errors="backslashreplace").decode())
     took = {"cpu_s": time.thread_time() - cpu, "wall_s": time.perf_counter() - began}
     return row | {f"machine.{name}": round(value, 3) for name, value in took.items()}

@@ -6,7 +6,7 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,14 +19,14 @@ import yaml
 from pyarrow import parquet
 
 from deploy.certs import issue
-from deploy.revision import ROOT, revision
+from deploy.revision import ROOT, revision, sources
 from deploy.sweep import engine
 from deploy.sweep.command import MOST_DOUBTS, fill, sweep
 from deploy.sweep.engine import PATIENCE_S, SETTINGS, run_all
 from deploy.sweep.measure import task_of
-from deploy.sweep.plan import Job
+from deploy.sweep.plan import Job, read_jobs
 from deploy.sweep.store import Store, read_rows
-from deploy.sweep.work import FAILED, OK, Row, WorkerTask, work
+from deploy.sweep.work import FAILED, OK, OtherSourcesError, Row, WorkerTask, work
 from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from tests.deploy.sweep.sweeps import (
@@ -274,6 +274,62 @@ def test_many_processes_may_find_a_folder_full_at_a_time(tmp_path: Path) -> None
 def test_a_worker_with_other_sources_refuses() -> None:
     with pytest.raises(RuntimeError, match="another version"):
         work(task_of(Job("key", {}, {})), "0123")
+
+
+def test_a_worker_that_loaded_a_mind_before_it_was_changed_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ran the old one, and its result was kept as the new one's."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (mind := tmp_path / "loaded_mind.py").write_text(
+        "from agent.shell.mind import OwnMind\n\nclass Loaded(OwnMind):\n"
+        "    def drive(self, observation, heard):\n        return 0.0, 0.0\n"
+    )
+    plan = write_sweep(tmp_path, 'worlds: [tiny.yaml]\nsettings: {until: 0.4, mind: {"*": "loaded_mind:Loaded"}}')
+    (before,) = read_jobs(plan)
+    assert work(task_of(before), sources())["status"] == OK
+    mind.write_text(mind.read_text() + "    speed = 1\n")
+    (after,) = read_jobs(plan)
+    with pytest.raises(OtherSourcesError, match="another version of loaded_mind:Loaded"):
+        work(task_of(after), sources())
+
+
+class Shared:
+    """Stands for a scheduler that does what has one name once, whoever asks."""
+
+    loop = None
+
+    def __init__(self) -> None:
+        self.futures: dict[str, SimpleNamespace] = {}
+
+    def map(
+        self, call: Callable[..., Row], tasks: Sequence[WorkerTask], *, key: list[str], code: str, **_: object
+    ) -> Any:
+        for name, task in zip(key, tasks, strict=True):
+            row = task.row(OK) | {"code": code}
+            future = SimpleNamespace(key=name, status="finished", result=lambda row=row: row, release=lambda: None)
+            self.futures.setdefault(name, future)
+        return [self.futures[name] for name in key]
+
+
+def test_two_versions_on_one_cluster_get_each_its_own_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The later one got what the other had asked for."""
+    cluster, task = Shared(), WorkerTask("a", {}, os.getpid, ())
+    monkeypatch.setattr(engine, "as_completed", lambda futures, **_: iter(futures))
+    for code in ("old", "new"):
+        monkeypatch.setattr(engine, "sources", lambda code=code: code)
+        (row,) = engine._results(cluster, [task], set())
+        assert row["key"] == "a" and row["code"] == code
+
+
+def lacks_a_file() -> Row:
+    raise FileNotFoundError(os.fsdecode(b"a\xe9.npy"))
+
+
+def test_a_reason_that_is_no_utf_8_is_kept(tmp_path: Path) -> None:
+    """It ended the sweep at each start."""
+    (store := Store(tmp_path, "")).keep(work(WorkerTask("a", {"settings": "{}"}, lacks_a_file, ()), sources()))
+    assert store.row("a")["reason"] == r"FileNotFoundError: a\udce9.npy"
 
 
 @pytest.mark.parametrize("address", ["tls://10.0.0.1:8786", "tcp://10.0.0.1:8786", "10.0.0.1"])
