@@ -73,9 +73,11 @@ def table(
     rows, _ = tables.select(str(folder))
     wanted = measures or tables.MEASURES
     sheets = [tables.medians(rows, wanted)]
-    if against is not None:
-        sheets.append(tables.against(rows, against, wanted))
-    tables.show(sheets, out)
+    try:
+        if against is not None:
+            sheets.append(tables.against(rows, against, wanted))
+    finally:
+        tables.show(sheets, out)
 
 
 @commands.command(epilog="Example: wireswarm compare results/range:radio.range_m=8 results/range:radio.range_m=4")

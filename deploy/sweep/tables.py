@@ -39,6 +39,8 @@ CONTENTS = ("revision", "world.hash", "mind.hash")
 """Columns that tell runs apart beside their settings: our sources, the world's file and minds of your own. Where worlds
 or minds are compared, their hash is left out."""
 
+ALIKE = "are alike in all else, seeds included, and revisions where a side has several"
+
 Point = tuple[tuple[str, str], ...]
 """Settings and their values as JSON, in the order of their names."""
 
@@ -146,7 +148,7 @@ def _points(*sides: Sequence[Row]) -> list[list[Point]]:
 
 
 def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
-    """Medians over the seeds of runs that are alike in all else.
+    """Medians over the seeds of runs that are alike in all else, and of how many values they are where a run has none.
 
     Raises InputError for a measure that no run has, and where two runs are alike in their seed, too.
     """
@@ -156,17 +158,24 @@ def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
     for point, row in _by_point(rows, points, []).items():
         groups[_without(point, ["seed"])].append(row)
     varied = _varied(list(groups))
+    heads = [*varied, "runs", "failed"]
     lines: list[list[str | int | Estimate | None]] = []
-    unreached = {}
     for point, alike in groups.items():
         failed = sum(row["status"] != OK for row in alike)
-        found = [[value for row in alike if (value := value_of(row, name)) is not None] for name in measures]
-        settings = [_plain(dict(point).get(key, "")) for key in varied]
-        for at, values in enumerate(found):
+        lines.append([*(_plain(dict(point).get(key, "")) for key in varied), len(alike), failed])
+    unreached = {}
+    for name in measures:
+        found = [[value for row in alike if (value := value_of(row, name)) is not None] for alike in groups.values()]
+        for number, values in enumerate(found):
             if never := sum(map(math.isinf, values)):
-                unreached[len(lines), len(settings) + 2 + at] = f"not reached ({never} of {len(values)})"
-        lines.append([*settings, len(alike), failed, *map(median, found)])
-    return Sheet("Medians", [*varied, "runs", "failed", *measures], lines, unreached)
+                unreached[number, len(heads)] = f"not reached ({never} of {len(values)})"
+            lines[number].append(median(values))
+        heads.append(name)
+        if sum(map(len, found)) < sum(row["status"] == OK for row in rows):
+            heads.append(f"{name} values")
+            for line, values in zip(lines, found, strict=True):
+                line.append(len(values))
+    return Sheet("Medians", heads, lines, unreached)
 
 
 def compare(first: str, second: str, measures: Sequence[str]) -> Sheet:
@@ -193,16 +202,23 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
     Raises InputError where nothing pairs, two runs of a side have one partner, or no run has a measure.
     """
     _check(measures, [*first, *second])
+    if not (pairs := _pairs(first, second, besides)):
+        raise InputError(f"no two of these runs {ALIKE}")
+    return _differences(pairs, measures)
+
+
+def _pairs(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]) -> list[tuple[Row, Row]]:
+    """Runs that are alike in all but the settings `besides`. Raises InputError where two of a side have one partner."""
     groups = {key.partition(".")[0] for key in besides}
     besides = [*besides, *(column for column in CONTENTS if column.partition(".")[0] in groups)]
     mine, theirs = (
         _by_point(rows, points, besides) for rows, points in zip((first, second), _points(first, second), strict=True)
     )
-    pairs = [(row, other) for point, row in mine.items() if (other := theirs.get(point)) is not None]
-    if not pairs:
-        raise InputError(
-            "no two of these runs are alike in all else, seeds included, and revisions where a side has several"
-        )
+    return [(row, other) for point, row in mine.items() if (other := theirs.get(point)) is not None]
+
+
+def _differences(pairs: Sequence[tuple[Row, Row]], measures: Sequence[str]) -> Sheet:
+    """What the first of each pair have more, a line a measure; of no pairs nothing."""
     lines: list[list[str | int | Estimate | None]] = []
     for measure in measures:
         values = [(value_of(row, measure), value_of(other, measure)) for row, other in pairs]
@@ -215,7 +231,11 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
 
 
 def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
-    """The same for each other value of a setting, compared with the runs with KEY=VALUE. Raises InputError."""
+    """The same for each other value of a setting, compared with the runs with KEY=VALUE.
+
+    Of a value without pairs the lines say so. Raises InputError where none has any, and as `compared`.
+    """
+    _check(measures, rows)
     try:
         key, value = _wish(wish)
     except InputError as error:
@@ -229,10 +249,13 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
             f"--against {wish:.200}: there must be runs with it, and with another value; there are {there:.300}"
         )
     base, sheets = by_value.pop(value), []
-    for other, those in sorted(by_value.items()):
-        sheet = compared(those, base, [key], measures)
+    pairs = {other: _pairs(those, base, [key]) for other, those in sorted(by_value.items())}
+    if not any(pairs.values()):
+        raise InputError(f"--against {wish:.200}: no run with it and none with another value {ALIKE}")
+    for other, those in pairs.items():
+        sheet = _differences(those, measures)
         sheets.append(sheet._replace(lines=[[_plain(other), *line] for line in sheet.lines]))
-    title = f"Differences by seed: {key}={', '.join(map(_plain, sorted(by_value)))} less {_plain(value)}"
+    title = f"Differences by seed: {key}={', '.join(map(_plain, pairs))} less {_plain(value)}"
     return Sheet(title, [key, *sheets[0].heads], [line for one in sheets for line in one.lines])
 
 
@@ -335,6 +358,8 @@ def _panels_of_medians(sheet: Sheet, labels: Sequence[str]) -> list[Panel]:
     """One for each measure."""
     panels = []
     for at in range(sheet.heads.index("failed") + 1, len(sheet.heads)):
+        if isinstance(sheet.lines[0][at], int):
+            continue  # of how many values the median before it is
         rows = []
         for number, (label, line) in enumerate(zip(labels, sheet.lines, strict=True)):
             figure = value if isinstance(value := line[at], Estimate) else None

@@ -338,6 +338,20 @@ def test_a_scheduler_that_anybody_could_reach_is_refused(tmp_path: Path, address
         sweep(write_sweep(tmp_path), tmp_path / "out", scheduler=address)
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"certs": Path("certs")}, "--certs certs: .*name its --scheduler"),
+        ({"workers": 2, "scheduler": "tcp://127.0.0.1:8786"}, "--workers 2: .*leave out this or --scheduler"),
+    ],
+)
+def test_options_that_can_do_nothing_are_refused(tmp_path: Path, options: dict[str, Any], sentence: str) -> None:
+    store = Store(tmp_path, "")
+    store.keep(RESULT)
+    with pytest.raises(InputError, match=sentence):
+        fill(store, [WorkerTask("a", {}, os.getpid, ())], quiet=True, **options)
+
+
 def test_a_file_that_is_no_result_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"bad\.parquet: no result of a sweep"):

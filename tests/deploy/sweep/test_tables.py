@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from deploy.commands.experiments import table
 from deploy.sweep import picture
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs
@@ -371,7 +372,34 @@ def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
     for seed, path_m in enumerate((5.0, math.nan, 7.0)):
         store.keep(row(2, seed, 1.0, path_m))
     (line,) = medians(select(str(tmp_path))[0], ["mean.path_m"]).lines
-    assert line[-1] == (6.0, None, None)
+    assert line[-2:] == [(6.0, None, None), 2]
+
+
+def test_a_median_of_fewer_values_than_runs_tells_how_many_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A median over one run stood under `runs 10, failed 0`."""
+    store = Store(tmp_path / "abc", "abc")
+    for seed in range(10):
+        store.keep(row(2, seed, None, 20.0) | {"mean.wall_rmse_m": None if seed else 0.01})
+    sheet = medians(select(str(tmp_path))[0], ["mean.wall_rmse_m", *NAMES])
+    assert sheet.heads == ["runs", "failed", "mean.wall_rmse_m", "mean.wall_rmse_m values", *NAMES]
+    assert sheet.lines[0][:4] == [10, 0, (0.01, None, None), 1]
+    assert "mean.wall_rmse_m high,mean.wall_rmse_m values,team.t_90" in to_csv(sheet)
+    panels = drawn(sheet, tmp_path, monkeypatch).axes
+    assert [panel.get_title() for panel in panels] == ["mean.wall_rmse_m (m)", "team.t_90 (s)", "mean.path_m (m)"]
+    assert [text.get_text() for text in panels[1].texts] == ["not reached (10 of 10)"]
+
+
+def test_a_value_without_partners_costs_no_other_its_answer(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for seed in range(20, 23):
+        Store(folder / "abc", "abc").keep(row(8, seed, 90.0, 20.0))
+    lines = against(select(str(folder))[0], "radio.range_m=2", NAMES).lines
+    assert [line[:3] for line in lines] == [[value, name, n] for value, n in (("4", 10), ("8", 0)) for name in NAMES]
+    assert lines[2][3:] == [0, None, None, 0]
+    with pytest.raises(InputError, match=r"--against radio\.range_m=8: no run with it and none with another value"):
+        table(folder, NAMES, "radio.range_m=8")
+    assert "Medians" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
