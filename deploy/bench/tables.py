@@ -1,5 +1,6 @@
 """Declared tables: which cases make a row, what is made of their figures, and the bars that it must meet."""
 
+import math
 import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +16,8 @@ from rich.text import Text
 
 from deploy.bench.cases import Figures
 from deploy.png import write_figure
+from deploy.sweep.statistics import is_time
+from deploy.sweep.statistics import median as median_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,8 +44,19 @@ def _of_all(make: Callable[[list[Any]], Any]) -> Reduce:
 
 
 least, most, total = _of_all(min), _of_all(max), _of_all(sum)
-median = _of_all(lambda values: float(statistics.median(values)))
 mean = _of_all(lambda values: float(statistics.fmean(values)))
+
+
+def _reached(runs: Runs, key: str) -> list[Any]:
+    """The figure of each run; a time that was not reached is infinite."""
+    return [math.inf if (value := run.get(key)) is None and is_time(key) else value for run in runs]
+
+
+def median(runs: Runs, key: str) -> float | None:
+    """Of the figures of all runs; None where a run lacks it, and of times that half of the runs did not reach."""
+    values = _reached(runs, key)
+    found = None if None in values else median_of(values)
+    return found.value if found is not None and math.isfinite(found.value) else None
 
 
 def count(runs: Runs, key: str) -> int:
@@ -51,10 +65,22 @@ def count(runs: Runs, key: str) -> int:
 
 
 def spread(runs: Runs, key: str) -> str:
-    """Least and most of the runs that have the figure, which is that of the column KEY or KEY_spread."""
-    figure = key.removesuffix("_spread")
-    values = [run[figure] for run in runs if run.get(figure) is not None]
-    return f"{min(values):.0f}-{max(values):.0f}" if values else "-"
+    """Least and most of the runs that have the figure, which is that of the column KEY or KEY_spread.
+
+    A time that a run did not reach is the most.
+    """
+    values = [value for value in _reached(runs, key.removesuffix("_spread")) if value is not None]
+    return f"{min(values):.0f}-{max(values):.0f}".replace("inf", "∞") if values else "-"
+
+
+def times(reduce: Reduce, of: Callable[[Figures], float | None]) -> Reduce:
+    """The same of a time that is made of each run; None: it was not reached."""
+    return lambda runs, _: reduce([{"t_": of(run)} for run in runs], "t_")
+
+
+def completed_at(run: Figures) -> float | None:
+    """When a run was complete; None where it ended otherwise, such as by its limit."""
+    return run["ended_at"] if run["ended"] == "complete" else None
 
 
 def share(holds: Callable[[Figures], object]) -> Reduce:

@@ -36,12 +36,17 @@ class Difference(NamedTuple):
     """Probability that the first of a pair is better than the second; pairs without a difference count half."""
 
 
+def is_time(measure: str) -> bool:
+    """Whether it is a time that a run may never reach, and then has none."""
+    return measure.rpartition(".")[2].startswith("t_")
+
+
 def value_of(row: Row, measure: str) -> float | None:
     """A measure of a run; None where the run failed or has none."""
     if row["status"] != OK or measure not in row:
         return None
     value: Any = row[measure]
-    if value is None and measure.rpartition(".")[2].startswith("t_"):
+    if value is None and is_time(measure):
         return math.inf
     return value if isinstance(value, float) and not math.isnan(value) else None
 

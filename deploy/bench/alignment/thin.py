@@ -8,7 +8,7 @@ from deploy.bench import made
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.layouts import written
-from deploy.bench.tables import Table, columns, total
+from deploy.bench.tables import Table, columns, completed_at, median, times, total
 from deploy.metrics import NEAR_M, Truth, distance_to
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -54,7 +54,8 @@ TABLES = [
         columns(
             "world; runs count; corner_recall least >= 0.97: corner recall; corner_rmse_m most <= 0.005: rmse m; "
             "share >= 0.9: small faces mapped; wall_precision least: precision; unreachable total: given up; "
-            "t_99 median; ended_at median: complete s",
+            "t_99 median; ended_at: complete s",
+            ended_at=times(median, completed_at),
             share=lambda runs, _: total(runs, "mapped_m") / total(runs, "small_m"),
         ),
     )

@@ -7,7 +7,7 @@ from agent.exploration.config import DefaultState
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
 from deploy.bench.layouts import FURNISHED, PLAIN, present
-from deploy.bench.tables import Table, columns, share
+from deploy.bench.tables import Table, columns, completed_at, median, share, spread, times
 
 BUNDLED = ["apartment", "hall", "maze-15", "office", "symmetric"]
 SEEDS = 5
@@ -60,15 +60,24 @@ TABLES = [
         "times",
         "Simulated seconds and path to 90 %, 99 % and complete",
         "runs/{world}/*",
-        "world; t_90 median: T_90 s, median; t_90_spread spread: least-most; t_99 median: T_99 s, median; "
-        "t_99_spread spread: least-most; ended_at median: complete s, median; ended_at_spread spread: least-most; "
-        "path_m median: path m, median; path_m_spread spread: least-most",
+        columns(
+            "world; t_90 median: T_90 s, median; t_90_spread spread: least-most; t_99 median: T_99 s, median; "
+            "t_99_spread spread: least-most; ended_at: complete s, median; ended_at_spread: least-most; "
+            "path_m median: path m, median; path_m_spread spread: least-most",
+            ended_at=times(median, completed_at),
+            ended_at_spread=times(spread, completed_at),
+        ),
+        note="∞: a run did not get so far.",
     ),
     Table(
         "maze-15",
         "Time to complete",
         "runs/maze-15/*",
-        columns(f"world; ended_at median <= {MAZE_15_S}: complete s", world=lambda runs, _: "maze-15"),
+        columns(
+            f"world; ended_at <= {MAZE_15_S}: complete s",
+            world=lambda runs, _: "maze-15",
+            ended_at=times(median, completed_at),
+        ),
     ),
     Table(
         "policies",
@@ -76,8 +85,9 @@ TABLES = [
         "policies/{world}/{state}/*",
         columns(
             "world; state: default state; complete >= 1; wall_recall least: recall, worst; "
-            "ended_at median: complete s; path_m median",
+            "ended_at: complete s; path_m median",
             complete=complete,
+            ended_at=times(median, completed_at),
         ),
     ),
 ]

@@ -181,3 +181,19 @@ def test_the_time_in_the_maze_is_judged_by_its_median() -> None:
     assert filled("maze-15", figures).met is True
     figures["runs/maze-15/0"] = run_of(ended_at=700.0)
     assert filled("maze-15", figures).met is False
+
+
+def test_a_run_that_is_not_complete_never_was_and_a_time_that_is_not_reached_is_the_longest() -> None:
+    """Its limit counted as the time to complete, and its missing time took the median or was left out."""
+    late = run_of(ended="time", ended_at=550.0, t_99=None)
+    figures = {f"runs/maze-15/{seed}": run_of() for seed in range(3)} | {"runs/maze-15/3": late}
+    (row,) = filled("times", figures).rows
+    assert (row["ended_at"], row["ended_at_spread"]) == (500.0, "500-∞")
+    assert (row["t_99"], row["t_99_spread"], row["t_90_spread"]) == (450.0, "450-∞", "400-400")
+    figures |= {f"runs/maze-15/{seed}": late for seed in range(3)}
+    (row,) = filled("times", figures).rows
+    assert row["ended_at"] is row["t_99"] is None and row["t_90"] == 400.0
+    section = filled("maze-15", figures)
+    assert section.rows[0]["ended_at"] is None and section.met is False
+    (state,) = filled("policies", {"policies/hall/random-vertex/0": late}).rows
+    assert state["ended_at"] is None and state["path_m"] == 100.0
