@@ -15,7 +15,8 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, is_false
 from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
-from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, total
+from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, times, total
+from deploy.bench.tables import median as of_runs
 from deploy.sweep.statistics import wilson
 from world.worldfile import load
 
@@ -182,49 +183,76 @@ def _titled(title: str) -> Callable[[Outcomes], str]:
     return lambda figures: next((run["world"] for run in runs_of(figures, "unshared/*")), "maze-15") + title
 
 
+def _time(found: float | None) -> float:
+    """A time that was not reached is infinite."""
+    return math.inf if found is None else found
+
+
+def _told(value: float | None) -> float | None:
+    """The other way round, of a ratio, too."""
+    return None if value is None or math.isinf(value) else value
+
+
+def _over(time: float, other: float) -> float | None:
+    """How many times the other one a time is: infinitely many where it was not reached, 0 where the other was not.
+
+    None where neither was.
+    """
+    return None if math.isinf(time) and math.isinf(other) else time / other
+
+
 def _paired(ratios: Sequence[float]) -> Row:
     """Median and middle half of paired ratios."""
-    ratio = median(ratios)
     low, high = np.quantile(ratios, (0.25, 0.75), method="nearest").tolist()
-    return {"ratio": ratio if math.isfinite(ratio) else None, "spread": f"{low:.2f} to {high:.2f}"}
+    return {"ratio": _told(median(ratios)), "spread": f"{low:.2f} to {high:.2f}".replace("inf", "∞")}
 
 
 def _sharing(figures: Outcomes) -> list[Row]:
-    """Runs with and without sharing, a row a seed and their median."""
+    """Runs with and without sharing, a row a seed and their median, which needs all seeds to be judged."""
     rows: list[Row] = []
+    ratios: list[float] = []
     for seed in range(PAIRED_SEEDS):
         on, off = _divided(figures, 3, seed), figures.get(f"unshared/{seed}")
         if on is not None and off is not None:
-            with_, without = on["t_99"], off["t_99"]
-            ratio = with_ / without if with_ is not None and without is not None else None
-            rows.append({"seed": str(seed), "on": with_, "off": without, "ratio": ratio})
-    ratios = [math.inf if row["ratio"] is None else row["ratio"] for row in rows]
-    return [*rows, {"seed": "median", **_paired(ratios)}] if rows else []
+            ratio = _over(_time(on["t_99"]), _time(off["t_99"]))
+            ratios += [] if ratio is None else [ratio]
+            rows.append({"seed": str(seed), "on": on["t_99"], "off": off["t_99"], "ratio": _told(ratio)})
+    whole = {"seed": "median", "judged": len(ratios) == PAIRED_SEEDS}
+    return [*rows, {**whole, **_paired(ratios)}] if ratios else rows
 
 
 def _division(figures: Outcomes) -> list[Row]:
-    """Teams with and without division, and one robot alone, a row a size of the team."""
+    """Teams with and without division, and one robot alone, a row a size of the team; all seeds are judged, or none.
+
+    A seed counts where the ratios tell something: where the team with division, or both of the others, reached 99 %.
+    """
     rows = []
     for robots in (2, 3, 5):
-        times = []  # of each seed with division, without, and of one robot
+        took, ratios = [], []  # of each seed: with division, without, and of one robot; of the first to the others
         for seed in range(PAIRED_SEEDS):
             names = [f"undivided/{robots}/{seed}", *(f"alone/{seed}/{start}" for start in range(3))]
             runs = [_divided(figures, robots, seed), *map(figures.get, names)]
-            found = [run["team"] for run in runs if run is not None]
-            if len(found) == len(runs) and None not in found:
-                times.append((found[0], found[1], fmean(found[2:])))
-        if times:
-            row = dict(zip(("divided", "undivided", "alone"), map(median, zip(*times, strict=True)), strict=True))
-            sooner = median(with_ / without for with_, without, _ in times)
-            ratios = _paired([with_ / one for with_, _, one in times])
-            rows.append({"robots": robots, "seeds": len(times), **row, **ratios, "sooner": sooner})
+            found = [_time(run["team"]) for run in runs if run is not None]
+            if len(found) == len(runs):
+                with_, without, one = found[0], found[1], fmean(found[2:])
+                to_one, to_without = _over(with_, one), _over(with_, without)
+                if to_one is not None and to_without is not None:
+                    took.append((with_, without, one))
+                    ratios.append((to_one, to_without))
+        if took:
+            row = {"robots": robots, "seeds": len(took), "judged": len(took) == PAIRED_SEEDS}
+            names = ("divided", "undivided", "alone")
+            row |= {name: _told(median(some)) for name, some in zip(names, zip(*took, strict=True), strict=True)}
+            to_one, to_without = zip(*ratios, strict=True)
+            rows.append({**row, **_paired(to_one), "sooner": _told(median(to_without))})
     return rows
 
 
 RANGE = columns(
-    "range: radio range m; runs count; t_99 median: every robot 99 % s; team median: team 99 % s; bytes: bytes sent; "
+    "range: radio range m; runs count; t_99 median: every robot 99 % s; team: team 99 % s; bytes: bytes sent; "
     "accepted total; false total <= 0",
     bytes=lambda runs, key: median(run[key] for run in runs),
+    team=times(of_runs, lambda run: run["team"]),
 )
 
 
@@ -282,6 +310,7 @@ TABLES = [
         _sharing,
         "seed; on: sharing s; off: without s; ratio <= 0.5; spread: quarters",
         judged=lambda row: row["seed"] == "median",
+        note="Judged with a ratio of every seed: infinite where with sharing it is not reached, 0 where without.",
     ),
     Table(
         "division",
@@ -290,6 +319,7 @@ TABLES = [
         "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
         "ratio <= 0.45: to one robot; spread: quarters; sooner <= 1: to without",
         judged=lambda row: row["robots"] == 3,
+        note="Seeds: of which each ratio has a time that was reached; judged with all of them.",
         drawn=draw_division,
     ),
     Table("range", _titled(", 3 robots, by radio range"), _range, RANGE, drawn=draw_range),
