@@ -50,10 +50,18 @@ def beforehand(quick: bool) -> None:
         say(f"no recording {name}: {reason}")
 
 
-def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
-    """Recordings by world with the benchmark's sensing. Raises InputError where they have not been made."""
+def recorded(quick: bool, worlds: Sequence[str]) -> dict[str, list[recordings.Recording]]:
+    """Recordings of these worlds with the benchmark's sensing, by world.
+
+    Raises InputError where they have not been made, and RuntimeError where one has failed: pairs of the rest would be
+    kept for those of all.
+    """
+    cases, folder = _recordings(quick)
+    made = kept([case for case in cases if case.arguments["world"] in worlds], folder)
+    for name, reason in made.failed.items():
+        raise RuntimeError(f"no recording {name}: {reason}")
     by_world: dict[str, list[recordings.Recording]] = {}
-    for _, figures in sorted(kept(*_recordings(quick)).figures.items()):
+    for _, figures in sorted(made.figures.items()):
         by_world.setdefault(figures["world"], []).append(recordings.recording_of(figures))
     return by_world
 
@@ -69,13 +77,14 @@ def within(world: str, quick: bool, small: bool = False) -> Figures:
     per_bin = 4 if quick else PER_BIN // 2 if small else PER_BIN_SYMMETRIC if world == "symmetric" else PER_BIN
     low, high = (SMALL_CORNERS, MIN_CORNERS) if small else (MIN_CORNERS, np.inf)
     rng = np.random.default_rng(zlib.crc32(world.encode()))
-    return {"pairs": [trial(pair, small) for pair in pairs_of(recorded(quick).get(world, []), rng, per_bin, low, high)]}
+    return {
+        "pairs": [trial(pair, small) for pair in pairs_of(recorded(quick, [world])[world], rng, per_bin, low, high)]
+    }
 
 
 def between(quick: bool, worlds: Sequence[str]) -> Figures:
     """Pairs of maps of different ones of these worlds."""
-    by_world = {world: found for world, found in recorded(quick).items() if world in worlds}
-    pairs = strangers(by_world, np.random.default_rng(0), 8 if quick else STRANGERS, MIN_CORNERS)
+    pairs = strangers(recorded(quick, worlds), np.random.default_rng(0), 8 if quick else STRANGERS, MIN_CORNERS)
     return {"pairs": [trial(pair) for pair in pairs]}
 
 

@@ -128,6 +128,26 @@ def test_pairs_read_the_recordings_and_make_none(tmp_path: Path, monkeypatch: py
         trials.within("apartment", quick=True)
 
 
+def test_pairs_of_a_world_are_not_kept_without_one_of_its_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They counted as whole for ever."""
+    monkeypatch.setattr(trials, "KEEP", tmp_path)
+    figures = {"frame": (0.0, 0.0, 0.0), "lengths": [], "snapshots": []}
+
+    def kept(cases: list[Case], _: Path) -> Outcome:
+        made = {
+            case.name: {"world": case.arguments["world"], **figures} for case in cases if case.name != "symmetric/1"
+        }
+        return Outcome(made, {case.name: "it died" for case in cases if case.name not in made})
+
+    monkeypatch.setattr(trials, "kept", kept)
+    for call in (lambda: trials.within("symmetric", True), lambda: trials.between(True, ["apartment", "symmetric"])):
+        with pytest.raises(RuntimeError, match="no recording symmetric/1: it died"):
+            call()
+    assert trials.within("apartment", quick=True) == {"pairs": []}
+
+
 def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
     figures = {
         f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
