@@ -51,6 +51,11 @@ def present(names: Iterable[str]) -> list[str]:
     return [name for name in names if any(Path(f, f"{name}.yaml").is_file() for f in (BUNDLED, SHARED))]
 
 
+def absent() -> list[str]:
+    """The real layouts that are not there, which benchmarks leave out."""
+    return [name for name in PLAIN + FURNISHED if not present([name])]
+
+
 def written(document: Mapping[str, Any]) -> str:
     """File of a world that is made, named after its content."""
     text = to_yaml(document).encode()

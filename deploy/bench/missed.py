@@ -1,11 +1,10 @@
 """The list of bars that published results miss, made from their files: `python -m deploy.bench.missed`."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-from deploy.bench.tables import Row, text_of
+from deploy.bench.tables import Row, label, text_of
 from deploy.revision import ROOT
 from protocol.files import write_whole
 
@@ -30,8 +29,9 @@ def _lines(file: Path) -> Iterator[Sequence[str]]:
         for key, bar in section["bars"].items():
             if missing := [row for row in judged if key in row["missed"]]:
                 worst = _worst(missing, key, bar)
+                row = "-" if next(iter(worst)) == key else label(worst)
                 counts = f"{len(missing)} of {len(judged)}"
-                yield f"`{file.name}`", name, f"`{key}` {bar}", text_of(worst.get(key)), _label(worst, key), counts
+                yield f"`{file.name}`", name, f"`{key}` {bar}", text_of(worst.get(key)), row, counts
 
 
 def _worst(rows: Sequence[Row], key: str, bar: str) -> Row:
@@ -39,17 +39,6 @@ def _worst(rows: Sequence[Row], key: str, bar: str) -> Row:
     if lacking := [row for row in rows if not isinstance(row.get(key), int | float)]:
         return lacking[0]
     return (min if bar.startswith(">=") else max)(rows, key=lambda row: row[key])
-
-
-def _label(row: Mapping[str, Any], key: str) -> str:
-    """What a row is about: its leading words, else its first value by name."""
-    first = next(iter(row))
-    words = []
-    for value in row.values():
-        if not isinstance(value, str):
-            break
-        words.append(value)
-    return ", ".join(words) or ("-" if first == key else f"{first} {text_of(row[first])}")
 
 
 def renewed(page: str, list_of_bars: str) -> str:

@@ -1,14 +1,17 @@
 """A published experiment made again: its benchmark in full, and which values of its tables came out the same."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from deploy.bench.benchmark import Benchmark
-from deploy.bench.tables import VERDICTS, Row, Table
+from deploy.bench.layouts import SHARED, absent
+from deploy.bench.tables import VERDICTS, Row, Table, label
 from deploy.revision import ROOT
 from deploy.terminal.console import Terminal
+from protocol.command import say
 from protocol.errors import InputError
 from protocol.status import Status
 
@@ -26,6 +29,8 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     published = Benchmark(STUDIES[name]).file(PUBLISHED, quick=False, ideal=True)
     if not published.is_file() or folder.resolve() == PUBLISHED.resolve():
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
+    if lacking := absent():
+        say(f"layouts that are not in {SHARED}, so that what is published of them is not made: {', '.join(lacking)}")
     before = json.loads(published.read_text(encoding="utf-8"))
     benchmark = Benchmark(STUDIES[name], before["sections"])
     status = benchmark.run(quick, folder, jobs, ideal=True)
@@ -46,11 +51,13 @@ def comparison(before: Mapping[str, Any], now: Mapping[str, Any]) -> Table:
     return Table("published", title, lambda _: rows, "table; values; same; then: bars then; now: bars now")
 
 
-def _values(section: Mapping[str, Any]) -> dict[tuple[int, str], Any]:
-    """Values of a table by row and column."""
-    return {
-        (number, key): value
-        for number, row in enumerate(section["rows"])
-        for key, value in row.items()
-        if key != "missed"
-    }
+def _values(section: Mapping[str, Any]) -> dict[tuple[str, int, str], Any]:
+    """Values of a table by what the row is about, which of those that are alike in it, and column."""
+    values: dict[tuple[str, int, str], Any] = {}
+    seen = Counter[str]()
+    for row in section["rows"]:
+        only = len(section["rows"]) == 1 and not isinstance(next(iter(row.values())), str)
+        about = "" if only else label(row)  # the first value of an only row may be measured
+        values |= {(about, seen[about], key): value for key, value in row.items() if key != "missed"}
+        seen[about] += 1
+    return values

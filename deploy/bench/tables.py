@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,6 +147,13 @@ def text_of(value: object) -> str:
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return "-" if value is None else str(value)
+
+
+def label(row: Row) -> str:
+    """What a row is about: its leading words, else its first value by name."""
+    words = [*takewhile(lambda value: isinstance(value, str), row.values())]
+    key, first = next(iter(row.items()))
+    return ", ".join(words) or f"{key} {text_of(first)}"
 
 
 _Printed = tuple[str, list[Text], bool]  # of a column: its head, its cells, and whether they are words

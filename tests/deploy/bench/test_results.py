@@ -224,10 +224,32 @@ def test_a_study_is_compared_with_what_is_published(name: str) -> None:
     assert all(row["same"] == row["values"] > 0 and row["then"] == row["now"] for row in rows)
     first = rows[0]["table"]
     row = now["sections"][first]["rows"][0]
-    row[next(key for key in row if key != "missed")] = "other"
+    row[[key for key in row if key != "missed"][-1]] = "other"  # the first ones say which row it is
     del now["sections"][rows[1]["table"]]
     again = comparison(before, now).section({}).rows
     assert again[0]["same"] == rows[0]["same"] - 1 and again[1]["same"] == 0 and again[2:] == rows[2:]
+
+
+def test_a_row_that_is_missing_makes_no_other_value_different() -> None:
+    """Rows were compared by their number."""
+    text = (RESULTS / "exploration-ideal.json").read_text()
+    before, now = json.loads(text), json.loads(text)
+    gone = now["sections"]["plain"]["rows"].pop(3)
+    now["sections"]["speed"]["rows"][0]["real_time_factor"] = 1.0
+    lost = {row["table"]: row["values"] - row["same"] for row in comparison(before, now).section({}).rows}
+    assert {table: count for table, count in lost.items() if count} == {"plain": len(gone) - 1, "speed": 1}
+
+
+def test_a_study_says_which_layouts_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "drlnav_stage7.yaml").touch()
+    monkeypatch.setattr("deploy.bench.layouts.SHARED", tmp_path)
+    monkeypatch.setattr(Benchmark, "run", lambda *_, **__: pytest.fail("that is all"))
+    with pytest.raises(pytest.fail.Exception, match="that is all"):
+        study("radio", tmp_path, 1)
+    said = capsys.readouterr().err
+    assert "gbeltramo_building" in said and "pal_home_w" in said and "drlnav_stage7" not in said
 
 
 @pytest.mark.slow
