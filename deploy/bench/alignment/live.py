@@ -217,7 +217,7 @@ def _sharing(figures: Outcomes) -> list[Row]:
             ratio = _over(_time(on["t_99"]), _time(off["t_99"]))
             ratios += [] if ratio is None else [ratio]
             rows.append({"seed": str(seed), "on": on["t_99"], "off": off["t_99"], "ratio": _told(ratio)})
-    whole = {"seed": "median", "judged": len(ratios) == PAIRED_SEEDS}
+    whole: Row = {"seed": "median", "judged": len(ratios) == PAIRED_SEEDS}
     return [*rows, {**whole, **_paired(ratios)}] if ratios else rows
 
 
@@ -240,11 +240,11 @@ def _division(figures: Outcomes) -> list[Row]:
                     took.append((with_, without, one))
                     ratios.append((to_one, to_without))
         if took:
-            row = {"robots": robots, "seeds": len(took), "judged": len(took) == PAIRED_SEEDS}
-            names = ("divided", "undivided", "alone")
-            row |= {name: _told(median(some)) for name, some in zip(names, zip(*took, strict=True), strict=True)}
-            to_one, to_without = zip(*ratios, strict=True)
-            rows.append({**row, **_paired(to_one), "sooner": _told(median(to_without))})
+            row: Row = {"robots": robots, "seeds": len(took), "judged": len(took) == PAIRED_SEEDS}
+            for which, some in zip(("divided", "undivided", "alone"), zip(*took, strict=True), strict=True):
+                row[which] = _told(median(some))
+            of_one, of_without = zip(*ratios, strict=True)
+            rows.append({**row, **_paired(of_one), "sooner": _told(median(of_without))})
     return rows
 
 
