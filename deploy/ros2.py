@@ -80,7 +80,7 @@ class DriverInbox:
     def command(self, twist: Any) -> None:
         """Take a Twist."""
         speed, turn = float(twist.linear.x), float(twist.angular.z)
-        if max(abs(speed), abs(turn)) <= MAX_NUMBER:  # NaN is not
+        if all(abs(value) <= MAX_NUMBER for value in (speed, turn)):  # NaN is not
             with self._lock:
                 self._command = speed, turn, time.monotonic() + COMMAND_S
 

@@ -14,7 +14,7 @@ from agent.robot import Step
 from agent.shell.ros2 import showing, wire
 from agent.shell.ros2.config import Ros2Config
 from deploy import cli
-from deploy.ros2 import Ros2Robots, SimulatedRobot
+from deploy.ros2 import DriverInbox, Ros2Robots, SimulatedRobot
 from protocol.errors import LinkError
 from protocol.messages import Heard, LidarSpec, Observation, RobotSpec
 from protocol.session import open_ros2_client, open_router
@@ -119,6 +119,14 @@ def test_a_twist_drives_it_for_half_a_second(endpoint: str, stamped: bool) -> No
         session.put(key, wire.to_bytes(kind, twist))
         run.until(lambda step: (step.action.speed_mps, step.action.turn_rps) == (0.1, -0.5))
         run.until(lambda step: (step.action.speed_mps, step.action.turn_rps) == (0.0, 0.0))
+
+
+@pytest.mark.parametrize("twist", [(math.nan, 0.1), (0.1, math.nan), (0.1, -math.inf)])
+def test_a_twist_of_no_numbers_is_left_out(twist: tuple[float, float]) -> None:
+    """A NaN that was not the first of the two ended the run."""
+    driver = DriverInbox()
+    driver.command(showing.twist_of(*twist))
+    assert driver.take()[0] == (0.0, 0.0)
 
 
 def test_without_a_router_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -231,7 +231,7 @@ class Ros2Shell:
     def _take_place(self, told: Any) -> None:
         """Take where the robot is in the frame that all robots share, and tell the others."""
         x, y = float(told.pose.position.x), float(told.pose.position.y)
-        if not max(abs(x), abs(y)) <= MAX_NUMBER:  # NaN is not
+        if not all(abs(value) <= MAX_NUMBER for value in (x, y)):  # NaN is not
             return self._sensing.skip("positions that are no numbers")
         self._place.put(encode(self._air.take_own_place(x, y, time.monotonic())))
         return None

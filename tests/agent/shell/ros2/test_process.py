@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -180,10 +181,10 @@ def test_robots_hear_each_other_as_far_as_the_places_that_they_are_told(endpoint
     at = {"r1": 0.0, "r2": 3.0, "r3": 5.0}
 
     def told(bodies: list[Body]) -> None:
-        for body, place in zip(bodies, places, strict=True):
+        for (body, place), y in product(zip(bodies, places, strict=True), (0.0, math.nan)):
             pose = said(
                 "geometry_msgs/msg/Pose",
-                position=said("geometry_msgs/msg/Point", x=at[body.namespace[1:]], y=0.0, z=0.0),
+                position=said("geometry_msgs/msg/Point", x=at[body.namespace[1:]], y=y, z=0.0),
                 orientation=said("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
             )
             stamp = said("builtin_interfaces/msg/Time", sec=1, nanosec=0)
