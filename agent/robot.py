@@ -165,14 +165,16 @@ class Robot:
             ),
         )
 
-    def look(self, observation: Observation) -> None:
+    def look(self, observation: Observation) -> Pose:
         """Take a tick in which the robot must stand, or somebody else drives it: it maps on, and plans nothing.
 
+        Returns where it is in its own frame, m, m, rad.
         What others say meanwhile is thrown away, so any disc may be one of them: a stranger without a name is heard.
         """
         self._map_scan(observation, {""})
         self.team.changed = False  # what changed in the last step is known to `_laying`
         self._draw_map(observation.tick, self._own.update(self.filter.wireframe()))
+        return self.filter.pose
 
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
         """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""

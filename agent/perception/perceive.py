@@ -1,6 +1,6 @@
 """From a lidar scan to a corner scan (paper II): discs left out, then straight pieces, corners and labels.
 
-Nothing else reads ranges (paper I, "strictly sparse").
+Nothing else of the mind reads ranges (paper I, "strictly sparse").
 """
 
 import math

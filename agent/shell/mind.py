@@ -15,6 +15,7 @@ import numpy as np
 
 from agent.config import AgentConfig
 from protocol.errors import InputError
+from protocol.geometry import Pose
 from protocol.messages import EVERYONE, Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.wireframe import Wireframe, encode_wireframe
 
@@ -52,8 +53,12 @@ class OwnMind:
         """Take one tick: what was seen, and the messages heard. Returns speed (m/s) and turn rate (rad/s, left)."""
         raise NotImplementedError
 
-    def look(self, observation: Observation) -> None:
-        """Take a tick in which a ROS 2 robot must stand, or somebody else drives it: nothing, unless you write it."""
+    def look(self, observation: Observation) -> Pose | None:
+        """Take a tick in which a ROS 2 robot must stand, or somebody else drives it.
+
+        Returns where it is in its map: by odometry, unless you write it; None where that is not to be shown.
+        """
+        return observation.odometry
 
     def send(self, kind: str, payload: bytes, to: str = EVERYONE) -> None:
         """Give the radio a message in this tick, for one robot or whoever hears it; it may get lost.

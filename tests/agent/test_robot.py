@@ -103,7 +103,7 @@ def test_a_robot_that_somebody_else_drives_maps_on_and_knows_its_place() -> None
         seen = observation(tick, pose=(0.3 * math.sin(turn), 0.3 - 0.3 * math.cos(turn), turn))  # a circle
         minds[0].step(seen, [])
         if 2 < tick < 31:
-            minds[1].look(seen)
+            assert minds[1].look(seen) == minds[1].filter.pose
         else:
             minds[1].step(seen, [])
     assert minds[1].filter.pose == minds[0].filter.pose == pytest.approx((0.0, 0.0, 0.0), abs=0.05)

@@ -43,7 +43,7 @@ def test_examples_explore_a_flat(mind: str, coverage: float) -> None:
 def test_a_mind_of_ones_own_looks_at_nothing_while_it_must_stand_unless_that_is_written() -> None:
     follower = minds_of({"*": FOLLOWER})("r1", RobotSpec(), AgentConfig(), 0)
     before = dict(vars(follower))
-    follower.look(Observation(tick=0, ranges=b"", odometry=(0.0, 0.0, 0.0)))
+    assert follower.look(Observation(tick=0, ranges=b"", odometry=(1.0, 2.0, 3.0))) == (1.0, 2.0, 3.0)
     assert vars(follower) == before
 
 

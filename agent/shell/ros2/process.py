@@ -25,8 +25,9 @@ from protocol import keys
 from protocol.codec import encode
 from protocol.command import say, tell
 from protocol.errors import InputError, ProtocolError
-from protocol.geometry import compose, inverted
+from protocol.geometry import Pose, compose, inverted
 from protocol.inbox import Arrival
+from protocol.messages import Observation
 from protocol.session import open_ros2_client
 from protocol.settings import MAX_NUMBER
 from protocol.wireframe import Wireframe, decode_wireframe
@@ -138,7 +139,7 @@ class Ros2Shell:
         self._sensing = Sensing(spec, ros2.upside_down)
         self._air = Air(robot, ros2, spec.radio_mtu_bytes)
         self._mind: Mind | None = None
-        self._map, self._map_is_new = Wireframe(), True
+        self._map, self._grid_is_old = Wireframe(), True
         self._seen_area: showing.SeenArea | None = None
         self._last: SensedScan | None = None
         self._complete = False
@@ -306,31 +307,38 @@ class Ros2Shell:
         if self._mind is None or self._seen_area is None:
             spec, seed = self._sensing.spec, zlib.crc32(self._robot.encode())
             self._mind = self._make_mind(self._robot, spec, self._settings.agent, seed)
-            self._seen_area = showing.SeenArea(spec.lidar.range_max_m)
+            self._seen_area = showing.SeenArea(spec.lidar)
         if self._hindrance(time.monotonic()):
-            if look := getattr(self._mind, "look", None):
-                look(seen.observation)
-            return
-        tick = seen.observation.tick
-        step = self._mind.step(seen.observation, self._air.take(tick))
+            look: Callable[[Observation], Pose | None] | None = getattr(self._mind, "look", None)
+            pose = look(seen.observation) if look else None
+        else:
+            pose = self._go(self._mind, seen.observation)
+        if pose is not None:
+            self._show(seen, pose, self._seen_area)
+
+    def _go(self, mind: Mind, observation: Observation) -> Pose:
+        """Do as the mind says. Returns where the robot is in its map."""
+        step = mind.step(observation, self._air.take(observation.tick))
         self._drive(step.action.speed_mps, step.action.turn_rps)
         answer(self._out, step)
         if step.action.complete != self._complete:
             self._complete = step.action.complete
             tell(f"{self._robot}: {'complete' if self._complete else 'goes on'}")
         if step.map is not None:
-            self._map, self._map_is_new = decode_wireframe(step.map.wireframe), True
-        pose = step.pose.pose
-        odometry = inverted(seen.odometry)
-        places = [(self._ros2.map_frame, self._sensing.wheels.frame, compose(pose, odometry))]
+            self._map, self._grid_is_old = decode_wireframe(step.map.wireframe), True
+        return step.pose.pose
+
+    def _show(self, seen: SensedScan, pose: Pose, area: showing.SeenArea) -> None:
+        """Publish where the odometry's frame lies in the map, and the map where it, or what is free in it, is new."""
+        places = [(self._ros2.map_frame, self._sensing.wheels.frame, compose(pose, inverted(seen.odometry)))]
         self._tf.put(showing.transforms_of(places, seen.stamp_s))
-        self._seen_area.look(pose, self._map)
-        if self._map_is_new and time.monotonic() - self._drew_at >= self._ros2.grid_s:
-            self._draw(seen.stamp_s, self._seen_area)
+        self._grid_is_old |= area.look(pose, seen.observation, self._map)
+        if self._grid_is_old and time.monotonic() - self._drew_at >= self._ros2.grid_s:
+            self._draw(seen.stamp_s, area)
 
     def _draw(self, stamp_s: float, seen: showing.SeenArea) -> None:
         """Publish the map."""
-        self._drew_at, self._map_is_new = time.monotonic(), False
+        self._drew_at, self._grid_is_old = time.monotonic(), False
         frame = self._ros2.map_frame
         self._markers.put(showing.markers_of(self._map, stamp_s, frame))
         grid = showing.grid_of(self._map, seen, stamp_s, frame)

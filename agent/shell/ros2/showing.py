@@ -1,6 +1,6 @@
 """What a robot shows in ROS 2: its map as a grid and as lines, its frame in tf, and how it does.
 
-The wireframe is the map. The grid is drawn of it: walls are occupied, and what was in view of the robot's path is free.
+The wireframe is the map. In the grid its walls are occupied, and what scans saw on this side of them is free.
 """
 
 import math
@@ -11,12 +11,14 @@ import shapely
 
 from agent.geometry.cells import CELL_M, MARGIN_CELLS, wall_cells
 from agent.geometry.visibility import VIEW_RAYS, VIEW_STEP_M, visible_ring
+from agent.perception.beams import ring_of
 from agent.shell.ros2.wire import DIAGNOSTICS, GRID, MARKERS, ODOMETRY, SCAN, TRANSFORMS, types
 from protocol.arrays import Floats, Ints
-from protocol.geometry import Pose
-from protocol.messages import LidarSpec
+from protocol.geometry import Pose, wrapped
+from protocol.messages import LidarSpec, Observation
 from protocol.wireframe import Label, Wireframe
 
+VIEW_TURN_RAD = math.radians(45)  # between two views from one place: not every lidar looks all round
 REACH_M = 8.0  # of a view at most, where the lidar's range is longer: it is drawn in 8 ms among 300 walls
 MAX_CELLS = 25_000_000  # of a grid: a square of 250 m
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100  # as in nav_msgs/msg/OccupancyGrid
@@ -26,11 +28,14 @@ LINES, POINTS = 5, 8  # kinds of visualization_msgs/msg/Marker
 
 
 class SeenArea:
-    """What was in view of the robot's path, as cells. A view is drawn once, of the walls that were known then."""
+    """What scans along the robot's path saw to be free, as cells: up to what they met and to the walls known then.
 
-    def __init__(self, range_m: float) -> None:
-        self._reach_m = min(range_m, REACH_M)
-        self._last = np.full(2, np.inf)
+    Walls alone will not do: before they are known, the view goes far beyond them. Nor will scans, which err.
+    """
+
+    def __init__(self, lidar: LidarSpec) -> None:
+        self._lidar, self._reach_m = lidar, min(lidar.range_max_m, REACH_M)
+        self._last: Pose = (math.inf, math.inf, 0.0)
         self.low = np.zeros(2, np.int64)
         """Column and row of the first cell, counted from the map's origin."""
         self.seen = np.zeros((1, 1), np.bool_)
@@ -41,21 +46,34 @@ class SeenArea:
         """Column and row behind the last cell."""
         return self.low + self.seen.shape[::-1]
 
-    def look(self, pose: Pose, wireframe: Wireframe) -> None:
-        """Take what is in view from a pose, if it is apart from the last."""
-        here = np.array(pose[:2])
-        if np.hypot(*(here - self._last)) < VIEW_STEP_M:
-            return
-        self._last = here
-        ring = visible_ring(here[0], here[1], wireframe.segments(), self._reach_m, VIEW_RAYS)
+    def look(self, pose: Pose, observation: Observation, wireframe: Wireframe) -> bool:
+        """Take what a scan sees from a pose in the map, if that is apart from the last; whether it did."""
+        (x, y, theta), last = pose, self._last
+        if math.hypot(x - last[0], y - last[1]) < VIEW_STEP_M and abs(wrapped(theta - last[2])) < VIEW_TURN_RAD:
+            return False
+        self._last = pose
+        ring = visible_ring(x, y, wireframe.segments(), self._reach_m, VIEW_RAYS)
         low, high = (np.floor(edge / CELL_M).astype(np.int64) for edge in (ring.min(0), ring.max(0) + CELL_M))
         if not self._grow(np.minimum(self.low, low), np.maximum(self.high, high)):
-            return
+            return False
         area = shapely.Polygon(ring).buffer(0)
         shapely.prepare(area)
-        x, y = np.meshgrid(*(CELL_M * (np.arange(a, b) + 0.5) for a, b in zip(low, high, strict=True)))
+        px, py = np.meshgrid(*(CELL_M * (np.arange(a, b) + 0.5) for a, b in zip(low, high, strict=True)))
+        dx, dy = px - x, py - y
+        seen = np.hypot(dx, dy) < self._free_m(observation, np.arctan2(dy, dx) - theta)
+        seen[seen] = shapely.contains_xy(area, px[seen], py[seen])
         (left, bottom), (right, top) = (low - self.low).tolist(), (high - self.low).tolist()
-        self.seen[bottom:top, left:right] |= shapely.contains_xy(area, x, y)
+        self.seen[bottom:top, left:right] |= seen
+        return True
+
+    def _free_m(self, observation: Observation, bearings: Floats) -> Floats:
+        """How far, m, a scan sees from the robot at bearings (rows, columns), rad; 0 where nothing was measured."""
+        poses = observation.poses()
+        way = np.vstack((2 * poses[:1] - poses[1:2], poses))  # which began as it went on
+        beams = ring_of(observation.scan(), self._lidar, way)
+        reach_m = np.minimum(beams.distances, self._reach_m - beams.shift)
+        reach_m[np.isnan(beams.ranges)] = 0.0
+        return np.interp(bearings, beams.bearings, reach_m, period=2 * math.pi)
 
     def _grow(self, low: Ints, high: Ints) -> bool:
         """Have cells from `low` to before `high`, column and row; false where they would be too many."""

@@ -44,8 +44,9 @@ class Goer(OwnMind):
         self.ears[robot] = set()
         self.speed = 0.1
 
-    def look(self, observation: Observation) -> None:
+    def look(self, observation: Observation) -> Pose:
         self.looked.append(observation.tick)
+        return POSE
 
     def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
         self.ears[self.robot] |= {message.sender for message in heard if message.payload == message.sender.encode()}
@@ -170,11 +171,31 @@ def test_the_map_is_there_for_who_comes_later_and_tf_places_it(endpoint: str) ->
         return int(cells[int((y - origin.y) / 0.05), int((x - origin.x) / 0.05)])
 
     assert (at(0.0, -1.001), at(1.001, 0.0), at(0.0, 0.0), at(0.0, -1.2)) == (OCCUPIED, OCCUPIED, FREE, UNKNOWN)
+    assert (at(-1.6, 0.2), at(-1.8, 0.2)) == (FREE, UNKNOWN)  # the room ends there, and no wall is mapped
     (moved,) = tf[-1].transforms
     assert (moved.header.frame_id, moved.child_frame_id) == ("map", "odom")
     place, turn = moved.transform.translation, moved.transform.rotation
     odometry = place.x, place.y, 2 * math.atan2(turn.z, turn.w)
     assert compose(odometry, WHEELS) == pytest.approx(POSE)
+
+
+def test_while_it_must_stand_its_frame_and_what_it_sees_are_shown(endpoint: str) -> None:
+    """Driven by hand, it had no frame, and of the way nothing was ever free."""
+
+    class Led(Goer):
+        def look(self, observation: Observation) -> Pose:
+            self.looked.append(observation.tick)
+            return 0.1 * len(self.looked), 0.0, 0.0
+
+    with (
+        Body(endpoint, "/r1") as body,
+        heard(endpoint, "/r1/tf", wire.TRANSFORMS) as tf,
+        heard(endpoint, "/r1/map", wire.GRID) as grids,
+        Agent(endpoint, "r1", Led, dead_man_s=0.5, grid_s=0.01),
+    ):
+        until(lambda: len(tf) > 5 and len(grids) > 1)
+        assert (grids[-1].data == FREE).sum() > (grids[0].data == FREE).sum() > 0
+        assert not body.drives() and len(Goer.looked) > 5
 
 
 def test_robots_hear_each_other_as_far_as_the_places_that_they_are_told(endpoint: str) -> None:
