@@ -39,16 +39,22 @@ def doomed(ticks: Collection[int], make_mind: MakeMind | None) -> MakeMind | Non
 
 
 class Doomed:
-    """A mind that kills its process at some ticks, but not at its first one, which is that of its return."""
+    """A mind that kills its process at some ticks, but not at its first one, which is that of its return.
+
+    In real time a late robot skips ticks: it dies at the first one that it steps at from a tick of the schedule on.
+    """
 
     def __init__(self, mind: Mind, ticks: Collection[int]) -> None:
-        self._mind, self._ticks, self._stepped = mind, ticks, False
+        self._mind, self._ticks = mind, ticks
+        self._stepped: int | None = None
+        """The tick of its last step."""
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """As its mind."""
-        if self._stepped and observation.tick in self._ticks:
+        now = observation.tick
+        if self._stepped is not None and any(self._stepped < tick <= now for tick in self._ticks):
             os.kill(os.getpid(), signal.SIGKILL)
-        self._stepped = True
+        self._stepped = now
         return self._mind.step(observation, heard)
 
     def state(self) -> State:

@@ -20,6 +20,7 @@ from agent.shell.process import AgentInbox, Entry, Life
 from agent.state import State
 from deploy import inprocess
 from deploy.config import load
+from deploy.launch.faults import Doomed
 from deploy.launch.launcher import launch
 from protocol import keys
 from protocol.codec import encode
@@ -51,6 +52,15 @@ def test_a_fault_schedule_gives_the_same_bytes_in_processes_and_in_one(tmp_path:
     assert [one for one in came if one[2] in ("left", "rejoined")] == [
         (tick, robot, word) for tick, robot in fates for word in ("left", "rejoined")
     ]
+
+
+def test_a_fault_happens_though_a_late_robot_skips_its_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    killed: list[int] = []
+    monkeypatch.setattr("os.kill", lambda process, signal: killed.append(stepped))
+    mind = Doomed(MagicMock(), {5, 47, 60})
+    for stepped in (5, 46, 49, 50):  # its first tick is that of its return
+        mind.step(Observation(tick=stepped, ranges=b"", odometry=(0.0, 0.0, 0.0)), [])
+    assert killed == [49]
 
 
 def test_a_killed_process_is_started_again_and_its_robot_goes_on(running: Any, hold: Path) -> None:  # noqa: F811
