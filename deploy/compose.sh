@@ -18,5 +18,7 @@ end() {
     docker volume rm --force "${COMPOSE_PROJECT_NAME:-deploy}_secrets" >/dev/null
 }
 trap end EXIT
+trap 'exit 130' INT    # dash, killed by a signal, would not come to the trap of EXIT
+trap 'exit 143' TERM
 $compose up --build   # not --exit-code-from: it would stop the world when the first robot leaves
 exit "$(docker inspect --format '{{.State.ExitCode}}' "$($compose ps --quiet --all world)")"
