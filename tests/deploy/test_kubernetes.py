@@ -159,6 +159,15 @@ def test_a_world_that_is_killed_is_started_again_and_goes_on(tmp_path: Path) -> 
         assert status == 1 and f"{told}={run}" in called
 
 
+@pytest.mark.parametrize(("last_s", "is_again"), [("0.0", True), ("12.4", False)])
+def test_a_run_that_never_began_is_tried_again(last_s: str, is_again: bool, tmp_path: Path) -> None:
+    """A world whose robots came too late stayed as if its run had ended."""
+    run = tmp_path / "runs" / "run"
+    metrics = f"printf 't,robot\\n{last_s},team\\n' > {run}/metrics.csv"
+    status, _ = world_container(tmp_path, f"mkdir -p {run}; touch {run}/summary.json; {metrics}; return 1")
+    assert (status, run.exists()) == (int(is_again), not is_again)
+
+
 def world_container(folder: Path, world: str) -> tuple[int, str]:
     """Status of the world's container with runs in a folder, and how it called `wireswarm`, which does as told."""
     calls = folder / "calls"
