@@ -34,6 +34,11 @@ ANSWER_S = 5.0
 """A robot asks again where the world has not answered its question by then."""
 RETRY_S = 0.1
 """Pause between two questions to a world that does not answer yet."""
+SILENT_WORLD = (
+    "the world is there and does not answer: it counts who comes (`wireswarm world --settle`), or the router between "
+    "began before this robot's certificate was made"
+)
+"""What a robot says of a world whose token it sees: a router passes on no question of one that is not in its rules."""
 
 
 class AgentInbox(Inbox):
@@ -162,9 +167,10 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
     """Ask the world to let `robot` in, first or again, for timeout_s seconds without one. What came before is dropped.
 
     Returns why the run ended where it is over for this robot. Raises RefusedError where the world says no, LinkError
-    where it is not there. One whose token is there is waited for without limit.
+    where it is not there. One whose token is there is waited for without limit; that it does not answer is told once,
+    on stderr.
     """
-    question, left_s = _question(session, robot, inbox), timeout_s
+    question, left_s, silent_s = _question(session, robot, inbox), timeout_s, 0.0
     while True:
         began, changes = time.monotonic(), inbox.world_changes
         for reply in _ask(session, robot, question) if inbox.world_up else ():
@@ -182,9 +188,11 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
                 return "interrupted"
             if arrival.what == inbox.WORLD:
                 break
-        if not inbox.world_up:  # a world that is there may still count who comes (`world --settle`)
-            waited_s = time.monotonic() - began
-            left_s -= min(waited_s, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
+        waited_s = min(time.monotonic() - began, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
+        if not inbox.world_up:
+            left_s -= waited_s
+        elif silent_s < timeout_s <= (silent_s := silent_s + waited_s):
+            print(f"{robot}: {SILENT_WORLD}", file=sys.stderr, flush=True)
         if left_s <= 0:
             break
     raise LinkError(

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from agent.config import AgentConfig, JoinConfig
-from agent.shell.process import AgentInbox, Entry, join, run_agent
+from agent.shell.process import SILENT_WORLD, AgentInbox, Entry, join, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
 from deploy.launch.launcher import launch
@@ -206,6 +206,16 @@ def test_the_last_word_of_a_world_counts_after_its_end() -> None:
             join(session, "r1", inbox, 0.1)
         inbox.stop()
         assert join(session, "r1", inbox, 0.1) == "interrupted"
+
+
+def test_of_a_world_that_is_there_and_does_not_answer_a_robot_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """A router that began before the robot's certificate was made passes on no question: it waited in silence."""
+    with open_router() as (session, _):
+        inbox = AgentInbox()
+        inbox.world_up = True
+        threading.Timer(0.7, inbox.stop).start()
+        assert join(session, "r1", inbox, 0.2) == "interrupted"
+    assert capsys.readouterr().err == f"r1: {SILENT_WORLD}\n"
 
 
 @pytest.mark.parametrize("real_time", [None, 40.0])
