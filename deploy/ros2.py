@@ -18,7 +18,7 @@ from agent.robot import Step
 from agent.shell.ros2 import showing, wire
 from agent.shell.ros2.config import Ros2Config
 from agent.shell.ros2.node import RosNode
-from agent.shell.ros2.sensing import EPOCH_S
+from agent.shell.ros2.ticks import EPOCH_S
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.errors import ProtocolError

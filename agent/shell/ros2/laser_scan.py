@@ -15,6 +15,8 @@ MIN_VIEW = math.radians(1)  # as in LidarSpec
 OTHER_VIEW = 0.05  # share by which a scan's field of view differs from a lidar's: a few beams more or less are less
 MAX_VIEW = 7.0  # rad: a whole revolution, and some directions again
 MAX_PERIOD_S = 10.0  # one that takes longer is told in a wrong unit
+SET_ANEW = 10
+"""Messages in a row, of times that cannot follow, after which the clock counts as set anew, and its new time holds."""
 
 
 def stamp_of(message: Any) -> float:

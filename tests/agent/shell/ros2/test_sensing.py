@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.shell.ros2.sensing import ALIKE, EPOCH_S, SET_ANEW, SensedScan, Sensing
+from agent.shell.ros2.laser_scan import SET_ANEW
+from agent.shell.ros2.sensing import ALIKE, SensedScan, Sensing
+from agent.shell.ros2.ticks import EPOCH_S
 from protocol.geometry import Pose
 from protocol.messages import MAX_TICK, LidarSpec, RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, LIDAR, odometry, scan, tilted
