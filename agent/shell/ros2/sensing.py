@@ -18,6 +18,7 @@ from protocol.geometry import Pose, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
 
 WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes every 0.05 s or more often
+MOST_WAITING = 16  # scans that wait so: those of a lidar of 100 Hz
 KNOTS = 5  # poses of odometry for each scan: every 40 ms of a revolution of 0.2 s
 ALIKE = 3  # scans that tell one lidar before it is believed: drivers begin with odd ones, such as half a revolution
 LOOKED_BACK = 10  # scans among which these are: two lidars may share the topic
@@ -52,8 +53,8 @@ class Sensing:
         """None until the lidar is known."""
         self._bearings = Bearings(0, 0.0, 0.0)
         self._lidar_frame = ""
-        self._pending: tuple[LaserScan, float] | None = None
-        """The scan that waits for its odometry, and since when."""
+        self._waiting = deque[tuple[LaserScan, float]]()
+        """Scans that wait for their odometry, and since when, in their order."""
         self._origin: Pose | None = None
         self._odd = 0
         """Scans in a row of times that cannot follow."""
@@ -90,17 +91,24 @@ class Sensing:
             return None
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
-        if objection := ticks.objection(scan.end_s):
+        before_s = self._waiting[-1][0].end_s if self._waiting else -math.inf
+        if objection := ticks.objection(scan.end_s, before_s):
             self._odd += 1
             if self._odd < SET_ANEW:
                 return self.skip(objection)
             self.skip("times at which the clock of the scans was set anew")
             ticks.set_clock(scan.end_s)
+            self._waiting.clear()
         self._odd = 0
-        if self._pending is not None:
-            self.skip("scans that came too fast to be used")
-        self._pending = scan, self._clock()
+        self._waiting.append((scan, self._clock()))
+        self._drop(len(self._waiting) - MOST_WAITING)
         return None
+
+    def _drop(self, number: int) -> None:
+        """Leave out so many of the scans that wait longest."""
+        for _ in range(number):
+            self._waiting.popleft()
+            self.skip("scans that came too fast to be used")
 
     def _accept_lidar(self, scan: LaserScan, told: Any) -> Ticks | None:
         """Learn from one of the first scans what lidar this is. Its ticks; None where it is not sure, or cannot be."""
@@ -124,14 +132,14 @@ class Sensing:
         return Ticks(lidar.rate_hz, scan.begin_s, self.skip)
 
     def due(self) -> SensedScan | None:
-        """The next observation, where the odometry of a scan is there or does not come."""
-        if self._pending is None or self._ticks is None:
+        """The next observation: the newest scan whose odometry is there or does not come."""
+        known_s, since, lidar = self.wheels.until_s, self._clock() - WAIT_S, self.spec.lidar
+        ready = [k for k, (scan, came) in enumerate(self._waiting) if scan.end_s <= known_s or came <= since]
+        if not ready or self._ticks is None:
             return None
-        (scan, came), lidar = self._pending, self.spec.lidar
+        self._drop(ready[-1])
+        scan, _ = self._waiting.popleft()
         end_s = scan.end_s
-        if self.wheels.until_s < end_s and self._clock() - came < WAIT_S:
-            return None
-        self._pending = None
         begin_s = end_s - 1 / lidar.rate_hz
         way = self.wheels.at(np.linspace(begin_s, end_s, KNOTS + 1)[1:])
         if way is None:

@@ -31,9 +31,9 @@ class Ticks:
         """From when ticks count by a clock that shows a time."""
         return next((zero_s for zero_s in (EPOCH_S, 0.0) if self._counts(time_s, zero_s)), time_s - time_s % SPAN_S)
 
-    def objection(self, end_s: float) -> str:
-        """Why a scan that ends then cannot be the next; empty where it can."""
-        if end_s <= self._end_s:
+    def objection(self, end_s: float, before_s: float) -> str:
+        """Why a scan that ends then cannot follow one that ends at before_s; empty where it can."""
+        if end_s <= max(self._end_s, before_s):
             return "scans whose time jumps back"
         woke_late = self._zero_s < EPOCH_S and (end_s - EPOCH_S) * self._rate_hz > max(self._tick, 0)
         return IMPOSSIBLE if woke_late or not self._counts(end_s, self._zero_s) else ""

@@ -137,6 +137,20 @@ def test_a_scan_waits_for_odometry_of_its_end_a_while() -> None:
     assert sensing.due() is None and sensing.skipped == {"scans without odometry within 0.5 s": 1}
 
 
+@pytest.mark.parametrize("late", [2, 5])
+def test_odometry_that_is_later_than_the_next_scan_starves_no_robot(late: int) -> None:
+    """late: ticks. Each scan was thrown away for the next one: of a hundred one was used."""
+    sensing, clock = begun()
+    used = []
+    for k in range(100):
+        clock.now += TURN_S
+        sensing.wheels.take(odometry(BEGIN_S + (k - late) * TURN_S + 0.01, pose_at(k * TURN_S)))
+        sensing.take_scan(scan(BEGIN_S + k * TURN_S))
+        if (seen := sensing.due()) is not None:
+            used.append(seen.observation.tick)
+    assert len(used) > 90 and set(np.diff(used)) == {1} and not sensing.skipped
+
+
 def test_half_a_second_without_scans_is_as_many_ticks_and_the_way_goes_on() -> None:
     sensing, _ = begun()
     found = feed(sensing, [0.0, TURN_S, TURN_S + 0.5, TURN_S + 0.5 + TURN_S])
