@@ -71,6 +71,6 @@ class Ros2ProcessConfig(ProcessConfig):
 
     spec: RobotSpec = RobotSpec()
     """The body. What each scan tells of the lidar itself (its beams, field of view, range and period) is taken from
-    there."""
+    there; ticks are counted at `lidar.rate_hz` if the lidar is within 5 % of it."""
     ros2: Ros2Config = Ros2Config()
     """How the robot is reached."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agent.shell.ros2.laser_scan import APART_S, SET_ANEW, Bearings, LaserScan, stamp_of
-from agent.shell.ros2.ticks import Ticks
+from agent.shell.ros2.ticks import Ticks, nominal_hz
 from agent.shell.ros2.wheelpath import Wheelpath
 from protocol.geometry import Pose, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
@@ -116,8 +116,9 @@ class Sensing:
         self._first.append((told.header.frame_id, scan.bearings))
         if alike + 1 < ALIKE:
             return None
-        period_s = scan.period_s or told.scan_time
-        known = self.spec.lidar.model_dump() | ({"rate_hz": 1 / period_s} if 0.01 <= period_s <= 100 else {})
+        period_s, known = scan.period_s or told.scan_time, self.spec.lidar.model_dump()
+        if 0.01 <= period_s <= 100:
+            known["rate_hz"] = nominal_hz(1 / period_s, self.spec.lidar.rate_hz)
         try:
             lidar = scan.lidar(
                 LidarSpec.model_validate(known), (told.range_min, told.range_max), upside_down=self._upside_down
@@ -140,7 +141,7 @@ class Sensing:
         self._drop(ready[-1])
         scan, _ = self._waiting.popleft()
         end_s = scan.end_s
-        begin_s = end_s - 1 / lidar.rate_hz
+        begin_s = end_s - (scan.period_s or 1 / lidar.rate_hz)
         way = self.wheels.at(np.linspace(begin_s, end_s, KNOTS + 1)[1:])
         if way is None:
             self.skip(f"scans without odometry within {APART_S} s")

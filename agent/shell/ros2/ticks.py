@@ -7,11 +7,22 @@ from protocol.messages import MAX_TICK
 
 SLIP_TICKS = 2  # ticks counted by scans are fewer than so many off those of the clock, as no lidar is exactly on time
 EPOCH_S = 1_767_225_600.0
-"""Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
+"""Ticks count from 2026, so that those of robots of one rate whose clocks agree are alike, and rise over restarts."""
 SPAN_S = 1e7
 """Where neither those since then nor those since 1970 can be counted, ticks count from the last multiple of these four
 months, so that they are alike on such clocks, too."""
+NEAR = 0.05  # share by which a lidar may be off a rate and count by it: one tick of twenty is left out or one too many
 IMPOSSIBLE = "scans of a time that cannot be"
+
+
+def nominal_hz(measured_hz: float, told_hz: float) -> float:
+    """Ticks a second for a lidar: those told if it is near them, else half hertz, else two digits of what it does.
+
+    No two lidars turn equally fast: a robot that counted by 5.0001 Hz would be 5 min ahead of others after half a year.
+    """
+    half_hz = round(2 * measured_hz) / 2
+    near = (hz for hz in (told_hz, half_hz) if abs(measured_hz - hz) <= NEAR * hz)
+    return next(near, float(f"{measured_hz:.2g}"))
 
 
 class Ticks:
@@ -52,7 +63,7 @@ class Ticks:
         if by_clock - tick >= SLIP_TICKS:
             tick += 1
         elif tick - by_clock >= SLIP_TICKS:
-            self._skip("scans of a lidar that is faster than it says")
+            self._skip(f"scans beyond {self._rate_hz:g} a second")
             self._end_s = end_s
             return None
         if tick > MAX_TICK:

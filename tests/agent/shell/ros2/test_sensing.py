@@ -217,6 +217,19 @@ def test_a_clock_of_long_ago_serves_and_ntp_sets_it_right(year: int) -> None:
     assert after[-1].observation.tick == round((after[-1].stamp_s - EPOCH_S) / TURN_S)
 
 
+@pytest.mark.parametrize(("told_hz", "turns_hz"), [(5.0, 20.0004), (20.0, 19.2), (20.5, 20.0)])
+def test_robots_whose_lidars_turn_almost_equally_fast_agree_on_ticks(told_hz: float, turns_hz: float) -> None:
+    """Ticks since 2026 of 20.0004 Hz were 11 minutes ahead of those of 20 Hz. Scans are unrolled by what they take."""
+    lidar = LIDAR.model_copy(update={"rate_hz": turns_hz})
+    sensing, _ = begun(ROBOT.model_copy(update={"lidar": LIDAR.model_copy(update={"rate_hz": told_hz})}), lidar)
+    (seen,) = feed(sensing, [TURN_S], lidar=lidar)
+    rate_hz = sensing.spec.lidar.rate_hz
+    assert rate_hz == (20.5 if told_hz == 20.5 else 20)
+    assert seen.observation.tick == round((BEGIN_S + TURN_S - EPOCH_S) * rate_hz)
+    (way, *_), last = seen.observation.poses(), seen.observation.odometry
+    assert math.dist(way[:2], last[:2]) == pytest.approx(0.5 * 0.8 / turns_hz, rel=1e-3)
+
+
 def test_robots_whose_clocks_agree_on_a_wrong_year_agree_on_ticks() -> None:
     first, later = (begun()[0] for _ in range(2))
     (one,), (other,) = seen_at(first, [1.705e9]), seen_at(later, [1.705e9 + 3600])
