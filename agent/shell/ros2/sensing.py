@@ -7,6 +7,7 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes e
 MOST_WAITING = 16  # scans that wait so: those of a lidar of 100 Hz
 KNOTS = 5  # poses of odometry for each scan: every 40 ms of a revolution of 0.2 s
 ALIKE = 3  # scans that tell one lidar before it is believed: drivers begin with odd ones, such as half a revolution
+ALIKE_PERIODS = 0.1  # share by which their revolutions differ, at most: not while the motor speeds up
 LOOKED_BACK = 10  # scans among which these are: two lidars may share the topic
 
 
@@ -47,8 +49,8 @@ class Sensing:
         """When the last observation was made, by the clock."""
         self._upside_down, self._clock = upside_down, clock
         self.wheels = Wheelpath(spec, self.skip)
-        self._first = deque[tuple[str, Bearings]](maxlen=LOOKED_BACK)
-        """Frames and bearings of scans from before the lidar is known."""
+        self._first = deque[tuple[str, Bearings, float]](maxlen=LOOKED_BACK)
+        """Frames, bearings and seconds a revolution (0: unknown) of scans from before the lidar is known."""
         self._ticks: Ticks | None = None
         """None until the lidar is known."""
         self._bearings = Bearings(0, 0.0, 0.0)
@@ -112,13 +114,19 @@ class Sensing:
 
     def _accept_lidar(self, scan: LaserScan, told: Any) -> Ticks | None:
         """Learn from one of the first scans what lidar this is. Its ticks; None where it is not sure, or cannot be."""
-        alike = sum(frame == told.header.frame_id and scan.bearings.are_like(first) for frame, first in self._first)
-        self._first.append((told.header.frame_id, scan.bearings))
-        if alike + 1 < ALIKE:
+        frame, bearings, period_s = told.header.frame_id, scan.bearings, scan.period_s or told.scan_time
+        period_s = period_s if 0.01 <= period_s <= 100 else 0.0  # NaN is not
+        self._first.append((frame, bearings, period_s))
+        alike = [
+            other_s
+            for other_frame, other, other_s in self._first
+            if other_frame == frame and bearings.are_like(other) and abs(other_s - period_s) <= ALIKE_PERIODS * period_s
+        ]
+        if len(alike) < ALIKE:
             return None
-        period_s, known = scan.period_s or told.scan_time, self.spec.lidar.model_dump()
-        if 0.01 <= period_s <= 100:
-            known["rate_hz"] = nominal_hz(1 / period_s, self.spec.lidar.rate_hz)
+        known = self.spec.lidar.model_dump()
+        if period_s:
+            known["rate_hz"] = nominal_hz(1 / median(alike), self.spec.lidar.rate_hz)
         try:
             lidar = scan.lidar(
                 LidarSpec.model_validate(known), (told.range_min, told.range_max), upside_down=self._upside_down
@@ -126,10 +134,10 @@ class Sensing:
         except ValueError:
             self.skip("scans of no possible lidar")
             return None
-        for _ in range(len(self._first) - alike - 1):
+        for _ in range(len(self._first) - len(alike)):
             self.skip("scans of another lidar")
         self.spec = self.spec.model_copy(update={"lidar": lidar})
-        self._bearings, self._lidar_frame = scan.bearings, told.header.frame_id
+        self._bearings, self._lidar_frame = bearings, frame
         return Ticks(lidar.rate_hz, scan.begin_s, self.skip)
 
     def due(self) -> SensedScan | None:
