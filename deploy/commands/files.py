@@ -51,7 +51,7 @@ def map_(
         float | None,
         Option(
             "--revolution",
-            help="Seconds that the lidar turns for a scan, where a log does not tell; 0 for scans of one moment.",
+            help="Seconds that the lidar turns for a scan, where a log does not tell it right; 0 for one moment.",
             show_default="by its scans",
             min=0,
             max=100,

@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from agent.shell.ros2.laser_scan import APART_S, stamp_of
+from agent.shell.ros2.timing import Timing
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, checked
 from deploy.recorded.bag_files import how_to_mend, known_by_suffix
@@ -88,6 +89,7 @@ def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
         raise InputError(f"it has no topic of {SCAN}")
     odometry = most_of(reader.connections, ODOMETRY, given.odometry_topic, bag.notes, scans)
     told = [one.topic for one in reader.connections if one.msgtype in TRANSFORMS]
+    timing = Timing(None if given.revolution_s is None else 0.0)  # of one moment, until it is unrolled as given
     topics = {scans, odometry, *transforms_beside(scans, told, bag.notes)}
     wanted = [one for one in reader.connections if one.topic in topics]
     for connection, time_ns, message in _messages(reader, wanted, bag):
@@ -96,7 +98,7 @@ def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
         check_amount(bag.scans, bag.readings)
         try:
             if kind == SCAN:
-                _take_scan(bag, decode(message, SCAN), time_ns)
+                _take_scan(bag, decode(message, SCAN), time_ns, timing)
             elif kind == ODOMETRY:
                 _take_odometry(bag, wheels, decode(message, ODOMETRY), time_ns)
             else:
@@ -128,8 +130,9 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
     return place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
 
 
-def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
+def _take_scan(bag: _Bag, told: Any, time_ns: int, timing: Timing) -> None:
     entry = BagScan.told(bag.scans - 1, told, _stamp(told, time_ns), 1e-9 * time_ns)
+    entry = entry._replace(scan=timing.mended(entry.scan))
     if not entry.scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return
@@ -196,10 +199,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    if lidar.turning:
-        if given.revolution_s is not None:
-            log.notes.append("--revolution is left out: time_increment of its scans tells it")
-    else:
+    if not lidar.turning:
         unroll(log, None, given.revolution_s, from_stamp=True)
     measured_noise(log)
     log.note_odd()

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
+from agent.shell.ros2.laser_scan import ALL_ROUND_DEG
 from deploy.recorded.lidar_log import LidarLog
-from deploy.recorded.revolution import ALL_ROUND_DEG
 from protocol.arrays import Floats
 
 FAR_M = 1.0  # nearer ranges err by the constant part

@@ -13,6 +13,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.shell.ros2.laser_scan import ALL_ROUND_DEG
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
 from protocol.errors import InputError
@@ -20,7 +21,6 @@ from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
 
 KNOTS = 6  # poses along a revolution: every 40 ms for one of 0.2 s
-ALL_ROUND_DEG = 350.0  # who looks at so much must turn; what looks at less is asked for nothing
 APART_S = 0.2  # between two scans that are compared, at least, so that the robot may turn otherwise in each
 TELLING_RAD = math.radians(3.0)
 """Difference of the turns in two scans from which their shapes differ: by as much at one end of the scan."""

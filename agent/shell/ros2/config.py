@@ -40,6 +40,13 @@ class Ros2Config(Config):
     need names of their own, such as r1/map."""
     upside_down: bool = False
     """Whether the lidar is mounted upside down, so that its readings go clockwise."""
+    revolution_s: Annotated[float, Field(ge=-5, le=5)] | None = None
+    """Seconds that a revolution of the lidar takes, where its driver tells it wrongly or not at all; negative where the
+    first reading of a scan was taken last, as drivers do that count a clockwise lidar's readings the other way round; 0
+    for scans of one moment; null: as `time_increment` tells."""
+    stamp: Literal["begin", "end"] = "begin"
+    """Which reading is taken at a scan's stamp: the first, as ROS wants it, or the last, as of drivers that stamp scans
+    once they are there."""
     silence_s: Positive = 0.5
     """Seconds without a scan after which the robot is told to stop: two and a half revolutions of an LDS-01, in which
     it drives 0.11 m."""

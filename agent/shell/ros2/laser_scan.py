@@ -14,6 +14,7 @@ MAX_RANGE_M = 100.0  # as in LidarSpec
 MIN_VIEW = math.radians(1)  # as in LidarSpec
 OTHER_VIEW = 0.05  # share by which a scan's field of view differs from a lidar's: a few beams more or less are less
 MAX_VIEW = 7.0  # rad: a whole revolution, and some directions again
+ALL_ROUND_DEG = 350.0  # who looks at so much must turn; what looks at less is asked for nothing
 MAX_PERIOD_S = 10.0  # one that takes longer is told in a wrong unit
 SET_ANEW = 10
 """Messages in a row, of times that cannot follow, after which the clock counts as set anew, and its new time holds."""

@@ -21,6 +21,7 @@ from agent.shell.ros2.air import Air
 from agent.shell.ros2.config import Ros2ProcessConfig
 from agent.shell.ros2.node import RosNode, RosPublisher
 from agent.shell.ros2.sensing import SensedScan, Sensing
+from agent.shell.ros2.timing import Timing
 from protocol import keys
 from protocol.codec import encode
 from protocol.command import say, tell
@@ -136,7 +137,7 @@ class Ros2Shell:
         self._node, self._make_mind = node, make_mind
         ros2 = settings.ros2
         spec = settings.spec.model_copy(update={"radio_range_m": ros2.range_m})
-        self._sensing = Sensing(spec, ros2.upside_down)
+        self._sensing = Sensing(spec, ros2.upside_down, timing=Timing(ros2.revolution_s, ros2.stamp == "end"))
         self._air = Air(robot, ros2, spec.radio_mtu_bytes)
         self._mind: Mind | None = None
         self._map, self._grid_is_old = Wireframe(), True

@@ -14,6 +14,7 @@ import numpy as np
 
 from agent.shell.ros2.laser_scan import APART_S, SET_ANEW, Bearings, LaserScan, stamp_of
 from agent.shell.ros2.ticks import Ticks, nominal_hz
+from agent.shell.ros2.timing import AS_TOLD, Timing, TimingWatch
 from agent.shell.ros2.wheelpath import Wheelpath
 from protocol.geometry import Pose, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
@@ -37,8 +38,18 @@ class SensedScan(NamedTuple):
 class Sensing:
     """Makes observations of scans and odometry as they come."""
 
-    def __init__(self, spec: RobotSpec, upside_down: bool, clock: Callable[[], float] = time.monotonic) -> None:
-        """spec: the body, with what is known of its lidar beforehand. clock: seconds, for how long something came."""
+    def __init__(
+        self,
+        spec: RobotSpec,
+        upside_down: bool,
+        clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], float] = time.time,
+        timing: Timing = AS_TOLD,
+    ) -> None:
+        """spec: the body, with what is known of its lidar beforehand.
+
+        clock: seconds, for how long something came. wall: the same as stamps tell them. timing: of its scans.
+        """
         self.spec = spec
         """The body; of its lidar all is known once some scans are alike."""
         self.skipped = Counter[str]()
@@ -47,8 +58,9 @@ class Sensing:
         """Reasons that occurred for the first time, for whoever tells them."""
         self.last_seen = -math.inf
         """When the last observation was made, by the clock."""
-        self._upside_down, self._clock = upside_down, clock
+        self._upside_down, self._clock, self._wall, self._timing = upside_down, clock, wall, timing
         self.wheels = Wheelpath(spec, self.skip)
+        self._watch = TimingWatch(timing, self.skip)
         self._first = deque[tuple[str, Bearings, float]](maxlen=LOOKED_BACK)
         """Frames, bearings and seconds a revolution (0: unknown) of scans from before the lidar is known."""
         self._ticks: Ticks | None = None
@@ -85,7 +97,7 @@ class Sensing:
 
     def take_scan(self, told: Any) -> None:
         """Take a LaserScan message."""
-        scan = LaserScan.told(told, stamp_of(told))
+        scan = self._timing.mended(LaserScan.told(told, stamp_of(told)))
         if not scan.makes_sense:
             return self.skip("scans of no possible lidar")
         ticks = self._ticks = self._ticks or self._accept_lidar(scan, told)
@@ -93,6 +105,7 @@ class Sensing:
             return None
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
+        self._watch.look(scan, 1 / self.spec.lidar.rate_hz, max(self.wheels.until_s, self._wall()))
         before_s = self._waiting[-1][0].end_s if self._waiting else -math.inf
         if objection := ticks.objection(scan.end_s, before_s):
             self._odd += 1

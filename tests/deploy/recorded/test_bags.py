@@ -93,10 +93,7 @@ def test_of_a_recording_that_was_broken_off_the_sentence_tells_what_mends_it(
 
 
 def test_options_that_do_not_apply_are_not_left_out_in_silence(tmp_path: Path) -> None:
-    said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
-    said += [ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.1 / 180) for k in range(9)]
-    bag = write_bag(tmp_path, "mcap", in_order(said))
-    assert "--revolution is left out: time_increment of its scans tells it" in read(bag, Given(revolution_s=0.0)).notes
+    bag = write_bag(tmp_path, "mcap", drive(ROS2))
     with pytest.raises(InputError, match="--field-of-view: it is for CARMEN text, leave it out"):
         read(bag, Given(field_of_view_deg=90.0))
 
@@ -145,6 +142,17 @@ def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None
     assert last.time_s == pytest.approx(102.1, abs=1e-3) and last.way is not None
     assert last.way[-1] == pytest.approx(last.odometry)
     assert last.way[0] == pytest.approx(pose_at(last.time_s - 0.2), abs=1e-3)
+
+
+def test_the_user_knows_better_than_time_increment_how_long_a_scan_takes(tmp_path: Path) -> None:
+    """As of an LDS-01, whose driver told 0.01 s of its 0.2 s."""
+    said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
+    said += [ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.005 / 180) for k in range(9)]
+    bag = write_bag(tmp_path, "mcap", in_order(said))
+    told, given = read(bag), read(bag, Given(revolution_s=0.2))
+    assert told.scans[-1].time_s == pytest.approx(101.605, abs=1e-3)
+    assert given.lidar.turning and given.scans[-1].time_s == pytest.approx(101.8, abs=1e-3)
+    assert not read(bag, Given(revolution_s=0.0)).lidar.turning
 
 
 def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:

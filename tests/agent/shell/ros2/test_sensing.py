@@ -35,7 +35,7 @@ def pose_at(t: float) -> Pose:
 def begun(spec: RobotSpec = ROBOT, lidar: LidarSpec = LIDAR) -> tuple[Sensing, Clock]:
     """One that believes the next scan's lidar."""
     clock = Clock()
-    sensing = Sensing(spec, False, clock)
+    sensing = Sensing(spec, False, clock, wall=lambda: BEGIN_S + 100)
     for k in range(ALIKE - 1):
         sensing.take_scan(scan(BEGIN_S - 1 + 0.1 * k, lidar=lidar))
         assert not sensing.knows_lidar
