@@ -28,8 +28,9 @@ WALL_MARGIN_M = 0.12
 the transform's."""
 USED_M = 2.0 * WALL_MARGIN_M
 """A piece of a received map within this of an own wall, in x and in y, is not fresh."""
-USED_COSINE = 0.9
-"""... if its direction differs by less than this cosine says, 26 degrees."""
+SAME_COSINE = 0.9
+"""... if its direction differs by less than this cosine says, 26 degrees. Within PIECE_M, a piece that is as much alike
+is the one of the map before."""
 
 
 class WallEvidence:
@@ -47,30 +48,28 @@ class WallEvidence:
         self.through = np.zeros(0, np.int64)
         """(k,) scans that saw through it."""
         self._sizes = np.zeros(0)  # (k,) metres, of the walls that the pieces are of
-        self._keys, self._edges = np.zeros(0, np.int64), 0
+        self._edges = 0
         self._boxes = np.zeros((0, 4))
         self._doubted = False
 
-    def lay(self, wireframe: Wireframe, fresh: Bools | None = None) -> None:
+    def lay(self, wireframe: Wireframe, transform: Floats, own: Wireframe) -> None:
         """Take a newer map of the same sender; what is known of pieces that it still has is kept.
 
-        fresh: (k,) for the pieces of `pieces_of`; None: as before, and pieces that are new are fresh.
+        Of the others, those on walls of the own map are not fresh. transform (3,) takes the sender's frame into the
+        robot's own.
         """
         pieces, wall = pieces_of(wireframe)
-        keys = _keys(pieces)
-        order = np.argsort(self._keys, kind="stable")
-        on, through, was_fresh = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.int64), np.ones(len(keys), bool)
-        if len(order):
-            before = self._keys[order]
-            at = np.minimum(np.searchsorted(before, keys), len(order) - 1)
-            known = before[at] == keys
-            same = order[at[known]]
-            on[known], through[known], was_fresh[known] = self.on[same], self.through[same], self.fresh[same]
-        self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
+        count = len(pieces)
+        on, through, fresh = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.bool_)
+        before = _nearest(pieces, np.zeros(3), self.pieces, PIECE_M)
+        known, new = before >= 0, before < 0
+        same = before[known]
+        on[known], through[known], fresh[known] = self.on[same], self.through[same], self.fresh[same]
+        fresh[new] = _nearest(pieces[new], transform, pieces_of(own)[0], USED_M) < 0
+        self.pieces, self.wall, self._edges = pieces, wall, len(wireframe.edges)
         self._sizes = lengths(wireframe.segments())[wall]
         self._boxes, self._doubted = _boxes_of(pieces), True
-        self.on, self.through = on, through
-        self.fresh = was_fresh if fresh is None else fresh
+        self.on, self.through, self.fresh = on, through, fresh
 
     def look(self, transform: Floats, view: View) -> None:
         """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's own."""
@@ -108,36 +107,33 @@ def pieces_of(wireframe: Wireframe) -> tuple[Floats, Ints]:
     return np.column_stack([places, directions(segments)[wall]]), wall
 
 
-def fresh_pieces(theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:
-    """(k,) pieces of a received map, moved by a transform (3,), that lie on no wall of the own map."""
-    pieces, _ = pieces_of(theirs)
-    mine, _ = pieces_of(own)
-    mine = mine[np.argsort(mine[:, 0], kind="stable")]
-    return ~_used(pieces, np.asarray(transform, np.float64), mine)
+def _nearest(pieces: Floats, transform: Floats, others: Floats, within_m: float) -> Ints:
+    """(k,) index of the one of others (m, 4) that is nearest to each piece (k, 4), moved by a transform (3,); -1: none.
+
+    It is within so many metres, in x and in y, and its direction is alike.
+    """
+    order = np.argsort(others[:, 0], kind="stable")
+    found = _nearest_by_x(pieces, np.asarray(transform, np.float64), others[order], within_m)
+    return np.append(order, -1)[found]
 
 
 @kernel
-def _used(pieces: Floats, t: Floats, mine: Floats) -> Bools:
-    """(k,) which pieces (k, 4), moved by t (3,), lie on one of the own (m, 4), which are in order of x."""
-    used = np.zeros(len(pieces), np.bool_)
+def _nearest_by_x(pieces: Floats, t: Floats, others: Floats, within: float) -> Ints:
+    """The same with others (m, 4) in order of x."""
+    nearest = np.full(len(pieces), -1, np.int64)
     c, s = math.cos(t[2]), math.sin(t[2])
     for k in range(len(pieces)):
         x, y = move(t, pieces[k, 0], pieces[k, 1])
         ux, uy = c * pieces[k, 2] - s * pieces[k, 3], s * pieces[k, 2] + c * pieces[k, 3]
-        for j in range(np.searchsorted(mine[:, 0], x - USED_M), len(mine)):
-            if mine[j, 0] - x >= USED_M:
+        least = np.inf
+        for j in range(np.searchsorted(others[:, 0], x - within), len(others)):
+            dx, dy = others[j, 0] - x, others[j, 1] - y
+            if dx >= within:
                 break
-            if abs(mine[j, 1] - y) < USED_M and ux * mine[j, 2] + uy * mine[j, 3] > USED_COSINE:
-                used[k] = True
-                break
-    return used
-
-
-def _keys(pieces: Floats) -> Ints:
-    """(k,) cell of 10 cm and quarter of the direction, by which a piece is found again in a newer map."""
-    x, y = (np.round(pieces[:, k] / PIECE_M).astype(np.int64) + (1 << 20) for k in (0, 1))
-    quarter = np.round(np.arctan2(pieces[:, 3], pieces[:, 2]) / (math.pi / 2)).astype(np.int64) % 4
-    return np.asarray((x << 24) + (y << 2) + quarter)
+            off = dx * dx + dy * dy
+            if off < least and abs(dy) < within and ux * others[j, 2] + uy * others[j, 3] > SAME_COSINE:
+                least, nearest[k] = off, j
+    return nearest
 
 
 @kernel

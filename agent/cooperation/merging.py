@@ -102,7 +102,7 @@ def update(
     figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
     if contradict(agreed, conflict, config) or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
-    peer.walls.lay(newest.wireframe)
+    peer.walls.lay(newest.wireframe, fit.transform, own)
     return replace(_fitted(peer, newest, fit), agreed_m=agreed, refused=0), figures
 
 

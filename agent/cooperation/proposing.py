@@ -116,7 +116,7 @@ class Aligner:
         in_reach = (np.hypot(*(there - here).T) <= self.reach_m).all()
         return said if in_reach else replace(said, transform=None, reason="impossible")
 
-    def compare(self, peer: Proposed, said: Alignment) -> None:
+    def compare(self, peer: Proposed, own: Wireframe, said: Alignment) -> None:
         """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
         assert peer.log.map is not None
         centre = peer.log.map.wireframe.points.mean(0)
@@ -130,7 +130,7 @@ class Aligner:
             peer.trial.transform, peer.transform_sd_m = np.array(said.transform), transform_sd_m(said)
         if same and not against:
             peer.map = peer.log.map
-            peer.trial.walls.lay(peer.map.wireframe)
+            peer.trial.walls.lay(peer.map.wireframe, peer.trial.transform, own)
 
     def align_by_sight(self, log: PeerLog, own: Wireframe) -> tuple[Consensus, Alignment] | None:
         """The transform by new sightings, and the alignment near it; None where either cannot be told."""

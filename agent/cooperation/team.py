@@ -17,7 +17,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence
 from agent.cooperation.merging import (
     REFUSED_MAPS,
     REJECTED_GROWTH,
@@ -315,7 +315,7 @@ class Team:
         self.aligner.take_growth(log, own)
         said = self.aligner.align(log, own)
         if isinstance(peer, Proposed):
-            self.aligner.compare(peer, said)
+            self.aligner.compare(peer, own, said)
         elif said.transform is None:
             self._say("attempt", log, said.reason, said.best, said.figures())
             log.sighting_is_news = len(log.sightings) > 0  # the walls that both have may tell now
@@ -346,7 +346,7 @@ class Team:
         for peer in self.proposed:
             if self.aligner.has_grown(peer.log, own, 0.0) and not off_its_map(peer.log, reach_m):
                 self.aligner.take_growth(peer.log, own)
-                self.aligner.compare(peer, self.aligner.align(peer.log, own))
+                self.aligner.compare(peer, own, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:
             self._take_last(tick, merged, own)
@@ -437,7 +437,7 @@ class Team:
         """
         log, t, walls = peer.log, np.array(transform), WallEvidence()
         assert log.map is not None
-        walls.lay(log.map.wireframe, fresh_pieces(log.map.wireframe, t, own))
+        walls.lay(log.map.wireframe, t, own)
         trial = Trial(self.config.verification, t, walls, 0 if how == "aligned" else 2)
         for sighting in log.sightings:
             self._weigh(trial, sighting)

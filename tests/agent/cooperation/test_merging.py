@@ -31,7 +31,7 @@ def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
     )
     nowhere = np.zeros(3)
     trial = Trial(VerificationConfig(), nowhere, WallEvidence())
-    trial.walls.lay(walls)
+    trial.walls.lay(walls, trial.transform, Wireframe())
     peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, Wireframe())
     assert peer.laid.hidden.tolist() == [False, False, True]
     assert len(peer.laid.layer.pieces) == len(peer.laid.first_hand.pieces) == 2
@@ -62,7 +62,7 @@ def test_a_peer_far_from_the_walls_that_both_have_is_known_less_well() -> None:
     """The turn of its frame moves it by more, the farther off it is."""
     room = enclosed([np.array([(1.0, 1), (3, 1), (3, 3), (1, 3)])])
     trial = Trial(VerificationConfig(), np.zeros(3), WallEvidence())
-    trial.walls.lay(room)
+    trial.walls.lay(room, trial.transform, Wireframe())
     peers = Peers()
     places = PeerPlaces(peers, RobotSpec(), CooperationConfig())
     spread = {}
@@ -79,7 +79,7 @@ def test_a_merged_map_goes_along_when_the_own_one_turns_in_its_frame() -> None:
     edges, turn = np.array([[0, 1], [1, 2], [2, 3], [3, 0]], np.int32), np.array([0.0, 0.0, 0.007])
     walls = Wireframe(corners, np.zeros(4, np.uint8), edges, np.ones(4, np.float32), np.ones(4, np.bool_))
     trial = Trial(VerificationConfig(), np.zeros(3), WallEvidence())
-    trial.walls.lay(walls)
+    trial.walls.lay(walls, trial.transform, Wireframe())
     peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, walls)
     assert refit(peer, 20, walls).laid is peer.laid
     turned = refit(peer, 40, replace(walls, points=apply(turn, corners)))

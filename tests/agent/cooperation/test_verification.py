@@ -1,5 +1,6 @@
 """A proposal on trial: what each kind of evidence weighs, and when it decides."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig, VerificationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence
 from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
 from agent.mapping.views import sees_place, view_of
@@ -119,11 +120,27 @@ def test_pieces_on_own_walls_are_not_fresh_wherever_the_sender_s_frame_lies() ->
     room, pillar = [(0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0)], [(2.0, 1.0), (2.0, 2.0), (3.0, 2.0), (3.0, 1.0)]
     behind = [(5.01, 0.0), (9.0, 0.0), (9.0, 4.0), (5.01, 4.0)]
     own, theirs = (enclosed([np.array(ring) for ring in rings]) for rings in ([room], [room, pillar, behind]))
-    _, wall = pieces_of(theirs)
     for frame in ((0.0, 0.0, 0.0), (3.0, -7.0, 2.0)):
-        fresh = fresh_pieces(replace(theirs, points=seen_from(frame, theirs.points)), np.array(frame), own)
-        assert not fresh[wall < 4].any()
-        assert fresh[np.isin(wall, (4, 5, 6, 7, 9, 11))].all()
+        walls = WallEvidence()
+        walls.lay(replace(theirs, points=seen_from(frame, theirs.points)), np.array(frame), own)
+        assert not walls.fresh[walls.wall < 4].any()
+        assert walls.fresh[np.isin(walls.wall, (4, 5, 6, 7, 9, 11))].all()
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45])
+def test_what_is_known_of_walls_outlives_a_later_map_whose_corners_have_moved_by_millimetres(degrees: int) -> None:
+    """At 45 degrees in the sender's frame 40 % of them were fresh again with each map, and phantoms shown again."""
+    frame, rng = (3.0, -7.0, math.radians(degrees)), np.random.default_rng(1)
+    room, pillar = [(0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0)], [(2.0, 1.0), (2.0, 2.0), (3.0, 2.0), (3.0, 1.0)]
+    first, later = (enclosed([np.array(ring) for ring in rings]) for rings in ([room], [room, pillar]))
+    walls = WallEvidence()
+    walls.lay(replace(first, points=seen_from(frame, first.points)), np.array(frame), first)
+    walls.through[:] = 3
+    for _ in range(3):
+        points = seen_from(frame, later.points) + rng.normal(0.0, 0.007, (8, 2))
+        walls.lay(replace(later, points=points), np.array(frame), first)
+        assert walls.hidden(3).tolist() == [True] * 4 + [False] * 4
+        assert (walls.fresh == (walls.wall >= 4)).all()
 
 
 @pytest.mark.parametrize(("late", "seen"), [

@@ -111,7 +111,7 @@ def test_a_scan_sees_through_no_pole_that_may_stand_between_its_beams() -> None:
     walk = Walk(OUTSIDE, ideal_lidar())
     for pose, walls in ((far, 0), (near, 2)):  # its front and its back
         evidence = WallEvidence()
-        evidence.lay(pole)
+        evidence.lay(pole, np.zeros(3), Wireframe())
         scan = perceive(walk.lidar.cast(np.array([pose]))[0], walk.spec)
         evidence.look(np.zeros(3), view_of(scan, pose, 0.035))
         assert evidence.through.sum() == walls
