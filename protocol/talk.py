@@ -86,7 +86,7 @@ class Part(NamedTuple):
 class Ack(NamedTuple):
     """The receiver's answer to a map: which parts of it have arrived."""
 
-    version: int  # 0, and None missing: the receiver has no map of the sender at all
+    version: int  # 0 in HAS_NO_MAP
     missing: frozenset[int] | None = frozenset()
     """Parts that have not arrived; empty when the map is whole; None when the base of the changes is not there."""
 
@@ -108,6 +108,10 @@ class Ack(NamedTuple):
             return cls(version, None)
         bits = int.from_bytes(rest)
         return cls(version, frozenset(index for index in range(8 * len(rest)) if bits >> index & 1))
+
+
+HAS_NO_MAP = Ack(0, None)
+"""The receiver has no map of the sender at all: it has just met it, or has begun anew."""
 
 
 def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:

@@ -18,7 +18,7 @@ from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
 from protocol.messages import EVERYONE, Event, Heard, Send
-from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part
+from protocol.talk import ACK, BEACON, DELTA, HAS_NO_MAP, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
@@ -48,6 +48,13 @@ class Contact:
     """Tick of the first message after silence, or of that by which the peer has begun anew."""
     last: int
     """Tick of the newest message."""
+
+
+class BegunAnew(NamedTuple):
+    """The word of a peer that it has no map of the robot any more."""
+
+    since: int
+    """Tick from which on its maps may be those of its new process."""
 
 
 class News(NamedTuple):
@@ -146,8 +153,8 @@ class Exchange:
                     one = one._replace(frame=said.frame or one.frame)
                 case ToldFrames():
                     one = one._replace(others={**one.others, **said.of})
-                case Contact():  # a contact begins after silence, and no message is under way for longer
-                    one = one._replace(anew=said.since - self._silence_ticks)
+                case BegunAnew():
+                    one = one._replace(anew=said.since)
             news[peer] = one
         for peer, why in refused.items():  # not in each tick, as there is room for so many events only
             if tick - self._refused.get(peer, LONG_AGO) >= self._period_ticks:
@@ -165,11 +172,8 @@ class Exchange:
 
     def _take(
         self, tick: int, peer: str, message: Heard
-    ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | Contact | None:
-        """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one.
-
-        A contact is that which ends, as the peer has begun anew.
-        """
+    ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | BegunAnew | None:
+        """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
         if message.kind in (MAP, DELTA, RESEND):
@@ -183,9 +187,11 @@ class Exchange:
                     self._answers.remove(theirs[0])
             return new
         if message.kind == ACK:
-            if self._told[peer].take_ack(Ack.decode(message.payload)):
-                return self.contacts.pop(peer, Contact(tick, tick))  # it knows nothing of the robot: it is met anew
-            return None
+            # messages are taken to be under way for no longer than the silence after which a contact begins
+            if not self._told[peer].take_ack(tick, Ack.decode(message.payload), self._silence_ticks):
+                return None
+            contact = self.contacts.pop(peer, Contact(tick, tick))  # it knows nothing of the robot: it is met anew
+            return BegunAnew(contact.since - self._silence_ticks)
         if message.kind == VIEWS:
             views = decode_views(message.payload)
             if isinstance(views, Views):
@@ -228,7 +234,7 @@ class Exchange:
         if regular:
             for peer in self.contacts:
                 if self._wants_maps and self._known[peer].is_empty:
-                    sends.append(Send(tick=tick, to=peer, kind=ACK, payload=Ack(0, None).encode()))
+                    sends.append(Send(tick=tick, to=peer, kind=ACK, payload=HAS_NO_MAP.encode()))
                 sends += self._questions(tick, peer, frames) if asks else []
                 sends += self._frames_to_tell(tick, peer, frames)
         return sends[:MAX_SENDS]

@@ -11,7 +11,7 @@ from agent.geometry.transform import DISTINCT_M, DISTINCT_RAD, apart
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import Coded, encode_map
-from protocol.talk import Ack, Part, in_parts
+from protocol.talk import HAS_NO_MAP, Ack, Part, in_parts
 from protocol.wireframe import Wireframe
 
 LONG_AGO = -(10**9)
@@ -32,6 +32,8 @@ class Told:
 
     acked: int = 0
     """Version that it has; 0: none."""
+    acked_since: int = LONG_AGO
+    """Tick since which it has some version."""
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the one that it has, and those that it was told since."""
     whole: list[Part] = field(default_factory=list)
@@ -74,9 +76,14 @@ class Told:
             self.frames[name] = told, periods
         return due
 
-    def take_ack(self, ack: Ack) -> bool:
-        """Note what the peer has, or lacks; true where it has nothing more of what it had, as it began anew."""
-        has_begun_anew = ack == Ack(0, None) and self.acked > 0 and not self.parts
+    def take_ack(self, tick: int, ack: Ack, late_ticks: int) -> bool:
+        """Note what the peer has, or lacks; true where it has nothing more of what it had, as it began anew.
+
+        late_ticks: how long after its first answer it may seem to have nothing, by a message that is late. If it has
+        begun anew it says so again.
+        """
+        may_be_late = tick - self.acked_since <= late_ticks
+        has_begun_anew = ack == HAS_NO_MAP and self.acked > 0 and not self.parts and not may_be_late
         if ack.version not in self.maps and not has_begun_anew:
             return False  # an answer to an earlier process of this name, or to a version given up since
         if ack.missing is None:  # the peer has lost its base: the whole map goes again
@@ -85,6 +92,7 @@ class Told:
             if self.parts and self.parts[0].version == ack.version:  # else another map is on its way by now
                 self.parts = [p for p in self.whole if p.number in ack.missing]  # it may have given up some it had
         elif ack.version > self.acked:
+            self.acked_since = self.acked_since if self.acked else tick
             self.acked, self.current, self.tries = ack.version, max(self.current, ack.version), 0
             self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
             self.parts = [p for p in self.parts if p.version > ack.version]

@@ -17,7 +17,7 @@ from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, MTU_BYTES, Heard, Send
-from protocol.talk import DELTA, MAP, MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
+from protocol.talk import ACK, DELTA, HAS_NO_MAP, MAP, MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 
 RATE_HZ = 5.0
@@ -303,6 +303,17 @@ def test_nobody_begins_anew_where_messages_are_lost_and_contact_breaks() -> None
         pair.show(comb(rooms))
         pair.run(20, cut=rooms % 5 == 0)
     assert "lost" in {what for _, _, what in pair.events} and not pair.anew
+
+
+def test_a_late_word_of_who_had_no_map_yet_is_no_sign_that_it_has_begun_anew() -> None:
+    """An answer had overtaken it: in 10 of 60 runs with latencies of 5 to 20 ticks."""
+    pair = Pair(wants_maps=True)
+    pair.show(comb(20))
+    pair.run(10)
+    for tick, begun in ((10, False), (50, True)):
+        late = Heard(tick=tick, sender="b", kind=ACK, payload=HAS_NO_MAP.encode())
+        news, _ = pair.robots["a"].hear(tick, [late])
+        assert [one.anew is not None for one in news] == [begun]
 
 
 def test_nobody_begins_anew_whose_answers_are_all_lost() -> None:
