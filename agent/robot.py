@@ -116,12 +116,13 @@ class Robot:
         Of its branches the first look and the way home are ours, for robots whose odometry errs.
         """
         started, tick = time.perf_counter(), observation.tick
-        scan = self._map_scan(observation, {message.sender for message in heard})
+        senders = {message.sender for message in heard}
+        scan = self._map_scan(observation, senders)
         own_changed = self._own.update(self.filter.wireframe())
         pose, seen = self.filter.pose, scan.wireframe()
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
-            self.team.hear(tick, news, pose, scan, self.own)
+            self.team.hear(tick, news, pose, scan, self.own, sorted(senders))
             self.team.judge(tick, self.own, pose)  # accept = judge(proposal), of the last tick's Z
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         self._draw_map(tick, own_changed)

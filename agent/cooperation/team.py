@@ -5,7 +5,7 @@ given up. One pair of maps is aligned in a tick, and only where one of them has 
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -95,6 +95,8 @@ class Team:
         self._views_changed = False
         self._lately = deque[PastScan](maxlen=self._ticks(RECALL_S))
         """Of the last ticks, the newest last."""
+        self._heard: dict[str, int] = {}
+        """When each of the two that were heard last was heard: they tell whether one was alone."""
         self._looks, self._circles = Period(self._ticks(LOOK_S)), Period(self._ticks(CIRCLES_S))
         self.events: list[Event] = []
         """What happened in this tick."""
@@ -132,14 +134,17 @@ class Team:
     def _ticks(self, seconds: float) -> int:
         return in_ticks(seconds, self.spec.lidar.rate_hz)
 
-    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe) -> None:
+    def hear(
+        self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe, senders: Iterable[str] = ()
+    ) -> None:
         """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame.
 
         Maps that are far larger than the own one wait.
+        senders: all that were heard in this tick; of some nothing may be read, as they speak another version.
         """
         self.events, self.changed, self._views_changed = [], False, False
         self._lately.append(PastScan(tick, here, apply(here, scan.discs), scan))
-        alone = self._hears_one(tick, told)
+        alone = self._hears_one(tick, [*senders, *(news.peer for news in told)])
         for news in told:
             log = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer))).log
             log.take_contact(tick, news.since, self._ticks(KNOWN_S))
@@ -237,10 +242,12 @@ class Team:
             if peer.log.take_map([mine, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
 
-    def _hears_one(self, tick: int, told: Sequence[News]) -> bool:
-        """Whether one peer alone was heard for a while, by a radio that reaches as far as the lidar."""
-        heard = {name for name, peer in self.peers.items() if peer.log.heard_within(tick, self._ticks(ALONE_S))}
-        return len(heard | {news.peer for news in told}) == 1 and self.aligner.range_m >= self.spec.lidar.range_max_m
+    def _hears_one(self, tick: int, senders: Sequence[str]) -> bool:
+        """Whether one robot alone was heard for a while, by a radio that reaches as far as the lidar."""
+        lately = self._heard | dict.fromkeys(senders, tick)
+        self._heard = dict(sorted(lately.items(), key=lambda one: one[1])[-2:])
+        heard = [name for name, last in self._heard.items() if tick - last <= self._ticks(ALONE_S)]
+        return len(heard) == 1 and self.aligner.range_m >= self.spec.lidar.range_max_m
 
     def _weigh(self, trial: Trial, sighting: Sighting) -> None:
         trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)

@@ -160,3 +160,14 @@ def test_where_a_peer_was_is_held_against_the_scan_of_then(late: int, seen: int 
     assert log.pose_tick == min(100 - late, 100) and log.first_encounter is not None
     kept = [(one.here[0], one.discs.tolist()) for one in log.sightings]
     assert kept == ([] if seen is None else [(seen, [[seen + 2.0, pytest.approx(0.01 * seen)]])])
+
+
+@pytest.mark.parametrize("others", [[], ["q"]])
+def test_who_is_heard_and_not_understood_may_be_the_disc_that_is_seen(others: list[str]) -> None:
+    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0))
+    scan = replace(SCAN, discs=np.array([[2.0, 0.0]]))
+    for tick, senders in ((1, ["p", *others]), (2, ["p"])):
+        news = News("p", 1, Beacon(tick, (1.0, 0.0, 0.0)))
+        team.hear(tick, [news], (tick, 0.0, 0.0), scan, Wireframe(), senders)
+    log = team.peers["p"].log
+    assert len(log.sightings) == 2 and log.met_alone is not bool(others)
