@@ -126,8 +126,8 @@ class PeerLog:
             self.placed = transform, self.pose, compose(pose_of(transform), self.pose)
         return self.placed[2]
 
-    def heard_within(self, tick: int, ticks: float) -> bool:
-        """Whether it was heard at most so many ticks ago."""
+    def place_within(self, tick: int, ticks: float) -> bool:
+        """Whether it said where it was at most so many ticks ago."""
         return tick - self.pose_tick <= ticks
 
     @property

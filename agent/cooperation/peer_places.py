@@ -73,7 +73,7 @@ class PeerPlaces:
         rows = _rows(
             (x, y, 0.5 * drive_m + (NEARER_M if robot < log.name else -NEARER_M)) for log, (x, y, _), drive_m in heard
         )
-        in_touch = np.array([log.heard_within(tick, IN_TOUCH_S * self._rate_hz) for log, *_ in heard], np.bool_)
+        in_touch = np.array([log.place_within(tick, IN_TOUCH_S * self._rate_hz) for log, *_ in heard], np.bool_)
         return rows[in_touch], rows[~in_touch]
 
     def strange_to(self, contacts: Iterable[str]) -> list[str]:
@@ -93,7 +93,7 @@ class PeerPlaces:
     def _heard(self, tick: int, within_s: float) -> Iterator[tuple[PeerLog, Pose, float]]:
         """Merged peers that were heard so lately, and what `_last_pose` says of each."""
         for peer in self._peers.merged:
-            if peer.log.heard_within(tick, within_s * self._rate_hz):
+            if peer.log.place_within(tick, within_s * self._rate_hz):
                 yield peer.log, *self._last_pose(tick, peer)
 
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:

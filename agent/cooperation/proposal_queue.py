@@ -70,7 +70,7 @@ class ProposalQueue:
         return None
 
     def _is_heard(self, tick: int, peer: Proposed) -> bool:
-        return peer.log.heard_within(tick, self._still_heard)
+        return peer.log.place_within(tick, self._still_heard)
 
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
