@@ -251,6 +251,7 @@ class Robot:
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
             merged_anew = self._laying.merged_anew
         changed = self._map.update(new)
+        # a layer that lies wholly on own walls changes nothing that is shown, but what may be told to whom
         self._told_version += changed or merged_anew
 
     def _told_to(self) -> Callable[[str], Wireframe]:
