@@ -30,7 +30,7 @@ PARTS = {
     "exploration": "exploration.runs exploration.teams exploration.mazes exploration.tours exploration.dense speed",
     "alignment": "alignment.trials alignment.cost alignment.live alignment.exact alignment.thin alignment.forced "
     "alignment.hostile",
-    "sensing": "sensing",
+    "sensing": "sensing teams",
     "radio": "radio.codec radio.traffic radio.cost",
 }
 """The modules of each benchmark. Each holds one question: `cases(quick)`, what is measured, where quick as little as

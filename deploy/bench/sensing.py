@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.robot import Robot, Step
-from deploy.bench.alignment import live
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.filter.faults import KINDS
@@ -12,7 +11,7 @@ from deploy.bench.filter.runs import BUNDLED
 from deploy.bench.filter.trials import SCOPES, counts_of, gone_percent, measure_faults
 from deploy.bench.layouts import present
 from deploy.bench.rings import false_loops, measure_ring
-from deploy.bench.tables import Outcomes, Row, Table, columns, most, over, runs_of, share
+from deploy.bench.tables import Outcomes, Row, Table, columns, runs_of, share
 from deploy.metrics import corners_fitted
 from deploy.sensing import IDEAL, REAL
 from protocol.geometry import pose_of
@@ -41,14 +40,13 @@ BODIES: dict[str, dict[str, Any]] = {
 RING_SEEDS, RING_M = 10, 60.0
 ODOMETRY = {"as given": 1.0, "twice as bad": 2.0}
 FALSE_SEEDS = 25  # of `symmetric` and of a ring of four equal sides: 50 runs
-TEAM_SEEDS = 20  # runs of each bundled world: 100 in all
 LIMIT_S = 4000.0  # simulated seconds after which a run counts as not finished: twice what the largest layout takes
 
 
 def cases(quick: bool) -> list[Case]:
-    """One robot in every layout, with real and with ideal sensing; teams in the bundled worlds."""
+    """One robot in every layout, with real and with ideal sensing, and among people; rings; faults."""
     worlds = ["apartment"] if quick else PLAIN + present(SHARED + HARD + CLUTTERED)
-    seeds, teams = range(1 if quick else SEEDS), range(0 if quick else TEAM_SEEDS)
+    seeds = range(1 if quick else SEEDS)
     made = each("real/{world}/{seed}", measure, {"ideal": False}, seed=seeds, world=worlds)
     made += each("ideal/{world}/{seed}", measure, {"ideal": True}, seed=seeds, world=worlds)
     for world, people in [] if quick else PEOPLE.items():
@@ -63,8 +61,7 @@ def cases(quick: bool) -> list[Case]:
     made += _rings(quick)
     trials, limit_s = (3, 120.0) if quick else (25, 1200.0)
     faults = {"trials": trials, "particles": None, "scopes": SCOPES[:1], "limit_s": limit_s, "real": True}
-    made += each("faults/{world}", measure_faults, faults, world=BUNDLED[:1] if quick else BUNDLED)
-    return made + each("team/{world}/{seed}", measure_team, seed=teams, world=PLAIN)
+    return made + each("faults/{world}", measure_faults, faults, world=BUNDLED[:1] if quick else BUNDLED)
 
 
 def _rings(quick: bool) -> list[Case]:
@@ -100,12 +97,6 @@ def measure(world: str, seed: int, ideal: bool, people: int = 0, robot: Mapping[
         places = [pose_of(run.tracks.true[tick][0]) for tick in begun]
         found |= {"loops": closing.submaps.loops, "false_loops": false_loops(closing.submaps, places)}
     return found
-
-
-def measure_team(world: str, seed: int) -> Figures:
-    """Three robots from drawn starts to their own end: where odometry errs, 600 s are too few for `hall`."""
-    found = live.measure(world, seed, limit_s=LIMIT_S, spec=REAL)
-    return found | {"wall_contacts": most(list(found["robots"].values()), "wall_contacts")}
 
 
 def _worst(
@@ -191,19 +182,6 @@ TABLES = [
         "Discrete faults injected in mid-run, real sensing",
         _faults,
         "fault; trials; gone >= 95: gone in 50 scans %",
-        sensing="real",
-    ),
-    Table(
-        "team",
-        "Three robots, real sensing, starts from the seed",
-        "team/{world}/*",
-        columns(
-            "world; runs count; accepted total; false total <= 0; pairs total; merged total; share >= 0.9; "
-            "wall_recall least >= 0.98: worst recall; wall_precision least: worst precision; wall_contacts most <= 0",
-            share=over("merged", "pairs"),
-        ),
-        total="all",
-        note="Share: of the pairs in contact with overlap >= 30 % and 120 s left, those that are merged by the end.",
         sensing="real",
     ),
     _worst(
