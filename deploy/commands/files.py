@@ -57,6 +57,9 @@ def map_(
             max=100,
         ),
     ] = None,
+    upside_down: Annotated[
+        bool | None, Option("--upside-down", help="The lidar of a bag is, though no tf tells so.", show_default=False)
+    ] = None,
     reference: Annotated[
         list[Path] | None,
         Option(help="The lidar's true poses by number of scan, TUM; one a log. They gate the radio and nothing else."),
@@ -90,7 +93,8 @@ def map_(
     if mount is not None and not all(abs(number) <= MAX_NUMBER for number in mount):  # NaN is not
         raise InputError(f"--mount: three numbers of at most {MAX_NUMBER:g} are wanted")
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
-    team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot, revolution_s))
+    of_bags = (scan_topic, odometry_topic, on_robot, revolution_s, upside_down)
+    team = read_logs(logs, Given(field_of_view_deg, range_max_m, *of_bags))
     refer(team, reference or [])
     rehearse_carried()
     gc.freeze()  # what is loaded lives on: looking it through for garbage took 60 ms of a scan

@@ -7,6 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -162,11 +163,16 @@ def _root(bag: _Bag, given: Given) -> str:
             raise InputError(f"it has no topic of {ODOMETRY}{'' if moving else f', and no tf that moves {lidar!r}'}")
         return next((frame for frame in moving if FIXED_FRAME in frame.rsplit("/")[-1]), moving[-1])
     root, robot = (frame.lstrip("/") for frame in bag.wheels)
+    is_told = robot in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar)))
     if given.mount is not None:
         x, y, yaw = given.mount
         bag.lidar_frame = MOUNTED
-        frames.hang(MOUNTED, robot, (x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
-    elif robot not in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar))):
+        turn = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+        with suppress(InputError):  # tf of a lidar that is not level, in place of which the mount is told
+            if is_told and frames.placed(lidar, robot, np.zeros(1)).upside_down:
+                turn = turn[3], turn[2], 0.0, 0.0  # after half a turn about its x axis
+        frames.hang(MOUNTED, robot, (x, y, 0.0, *turn))
+    elif not is_told:
         part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
         frames.hang(part, robot)
         bag.notes.append(f"nothing tells where {part} is on {robot}: taken as the same (--mount tells it)")
@@ -188,7 +194,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         for share in np.linspace(1, 0, KNOTS)
     ]
     bag.notes += bag.frames.contradictions(bag.lidar_frame, root)
-    upside_down, ways = knots[-1].upside_down, np.stack([knot.poses for knot in knots], 1)
+    upside_down, ways = knots[-1].upside_down or bool(given.upside_down), np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(most, given, upside_down)
     log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
     for entry, end, way, apart in zip(usable, ends.tolist(), ways, knots[-1].apart_s, strict=True):

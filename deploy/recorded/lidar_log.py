@@ -42,6 +42,7 @@ class Given(NamedTuple):
     odometry_topic: str | None = None
     mount: Pose | None = None  # m, m, rad: the lidar's on the robot
     revolution_s: float | None = None  # of the lidar; 0 where its scans are of one moment
+    upside_down: bool | None = None  # whether the lidar of a bag is, where tf does not tell
 
 
 class Scan(NamedTuple):

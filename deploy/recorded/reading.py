@@ -16,6 +16,7 @@ ONLY_OF = {
     "odometry_topic": ("--odometry-topic", (BAG,)),
     "mount": ("--mount", (BAG,)),
     "revolution_s": ("--revolution", (TEXT, BAG)),
+    "upside_down": ("--upside-down", (BAG,)),
 }
 """Options that not all kinds of logs take."""
 

@@ -121,16 +121,27 @@ def test_tf_tells_the_odometry_and_where_the_lidar_is(tmp_path: Path, kind: str)
         assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, math.pi)), abs=1e-4)
 
 
-def test_a_lidar_upside_down_looks_the_other_way_round(tmp_path: Path) -> None:
-    hanging = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), "/tf_static")
-    lidar = read(write_bag(tmp_path, "mcap", [hanging, *drive(ROS2)])).lidar
-    assert lidar.clockwise and lidar.bearings()[[0, 90]] == pytest.approx((math.pi / 2, 0.0), abs=1e-6)
+@pytest.mark.parametrize("mount", [None, (0.3, 0.0, 0.5)], ids=["by tf", "told"])
+@pytest.mark.parametrize(("by_tf", "told"), [(True, None), (False, True), (True, True)])
+def test_a_lidar_upside_down_looks_the_other_way_round(
+    tmp_path: Path, by_tf: bool, told: bool | None, mount: Pose | None
+) -> None:
+    """With --mount its map was mirrored."""
+    hanging = ROS2.transform(99.0, "base_link", "laser", (0.3, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), "/tf_static")
+    said = [hanging] if by_tf else []
+    log = read(write_bag(tmp_path, "mcap", [*said, *drive(ROS2)]), Given(mount=mount, upside_down=told))
+    assert log.lidar.clockwise and log.lidar.bearings()[[0, 90]] == pytest.approx((math.pi / 2, 0.0), abs=1e-6)
+    place = mount or ((0.3, 0.0, 0.0) if by_tf else (0.0, 0.0, 0.0))
+    for scan in log.scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), place), abs=1e-4)
 
 
 def test_a_lidar_on_its_side_is_refused(tmp_path: Path) -> None:
     side = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (0.5, 0.5, 0.5, 0.5), "/tf_static")
+    bag = write_bag(tmp_path, "mcap", [side, *drive(ROS2)])
     with pytest.raises(InputError, match="laser is not level in odom"):
-        read(write_bag(tmp_path, "mcap", [side, *drive(ROS2)]))
+        read(bag)
+    assert len(read(bag, Given(mount=(0.0, 0.0, 0.0))).scans) == 10
 
 
 def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None:

@@ -296,6 +296,7 @@ def test_a_gzip_that_was_broken_off_is_read_up_to_there(tmp_path: Path) -> None:
         (Given(scan_topic="/scan"), "--scan-topic: it is for a bag, leave it out"),
         (Given(odometry_topic="/odom"), "--odometry-topic: it is for a bag, leave it out"),
         (Given(mount=(0.0, 0.0, 0.0)), "--mount: it is for a bag, leave it out"),
+        (Given(upside_down=True), "--upside-down: it is for a bag, leave it out"),
     ],
 )
 def test_an_option_that_no_file_takes_is_refused(tmp_path: Path, given: Given, words: str) -> None:
