@@ -79,7 +79,7 @@ class Agent:
     """`wireswarm agent --ros2` in a thread."""
 
     def __init__(self, endpoint: str, robot: str, make_mind: Any, **settings: Any) -> None:
-        flags = {f"ros2.{key}": value for key, value in settings.items()}
+        flags = {key if "." in key else f"ros2.{key}": value for key, value in settings.items()}
         self.inbox, self.error = RosInbox(), ""
         config = load(Ros2ProcessConfig, None, flags)
         self._thread = threading.Thread(target=self._live, args=(robot, config, endpoint, make_mind))

@@ -140,6 +140,13 @@ def test_what_is_missing_is_said(
         until(lambda: said_so("nobody takes commands on wheels/cmd_vel"))
 
 
+def test_what_it_cannot_do_is_said_before_it_drives(endpoint: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with Body(endpoint, "/r1") as body, Agent(endpoint, "r1", Goer, **{"spec.radius_m": 4.0}):
+        until(body.drives)
+    doubt = "wireswarm: r1: a complete map is not to be expected: the lidar sees 3.50 m"
+    assert capfd.readouterr().err.count(doubt) == 1
+
+
 def test_a_mind_that_fails_leaves_the_robot_standing(endpoint: str) -> None:
     class Failing(Goer):
         def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
