@@ -122,17 +122,12 @@ def _messages(reader: Rosbag1 | Rosbag2, wanted: list[Any], bag: _Bag) -> Iterat
         bag.notes.append(f"damaged after {bag.scans} scans, and what follows is left out: {_words(error)}")
 
 
-def _stamp(message: Any, time_ns: int) -> float:
-    """Seconds of a message's header, or of its arrival where that has none."""
-    return stamp_of(message) or 1e-9 * time_ns
-
-
 def _pose(place: Any, turn: Any) -> tuple[float, ...]:
     return place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int, timing: Timing) -> None:
-    entry = BagScan.told(bag.scans - 1, told, _stamp(told, time_ns), 1e-9 * time_ns)
+    entry = BagScan.told(bag.scans - 1, told, stamp_of(told, 1e-9 * time_ns), 1e-9 * time_ns)
     entry = entry._replace(scan=timing.mended(entry.scan))
     if not entry.scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
@@ -145,13 +140,13 @@ def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
     if bag.wheels is None:
         bag.wheels = told.header.frame_id or FIXED_FRAME, told.child_frame_id or "the robot"
     pose = _pose(told.pose.pose.position, told.pose.pose.orientation)
-    wheels.add(*bag.wheels, _stamp(told, time_ns), pose, arrived_s=1e-9 * time_ns)
+    wheels.add(*bag.wheels, stamp_of(told, 1e-9 * time_ns), pose, arrived_s=1e-9 * time_ns)
 
 
 def _take_transforms(bag: _Bag, told: Any, time_ns: int, static: bool, topic: str) -> None:
     for one in told.transforms:
         link, pose = (one.header.frame_id, one.child_frame_id), _pose(one.transform.translation, one.transform.rotation)
-        bag.frames.add(*link, _stamp(one, time_ns), pose, static=static, topic=topic, arrived_s=1e-9 * time_ns)
+        bag.frames.add(*link, stamp_of(one, 1e-9 * time_ns), pose, static=static, topic=topic, arrived_s=1e-9 * time_ns)
 
 
 def _root(bag: _Bag, given: Given) -> str:

@@ -20,10 +20,10 @@ SET_ANEW = 10
 """Messages in a row, of times that cannot follow, after which the clock counts as set anew, and its new time holds."""
 
 
-def stamp_of(message: Any) -> float:
-    """Seconds of a message's header."""
+def stamp_of(message: Any, arrived_s: float) -> float:
+    """Seconds of a message's header, or of its arrival where that has none."""
     stamp = message.header.stamp
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
+    return float(stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
 
 class Bearings(NamedTuple):

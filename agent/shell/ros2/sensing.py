@@ -59,7 +59,7 @@ class Sensing:
         self.last_seen = -math.inf
         """When the last observation was made, by the clock."""
         self._upside_down, self._clock, self._wall, self._timing = upside_down, clock, wall, timing
-        self.wheels = Wheelpath(spec, self.skip)
+        self.wheels = Wheelpath(spec, self.skip, wall)
         self._watch = TimingWatch(timing, self.skip)
         self._first = deque[tuple[str, Bearings, float]](maxlen=LOOKED_BACK)
         """Frames, bearings and seconds a revolution (0: unknown) of scans from before the lidar is known."""
@@ -97,7 +97,7 @@ class Sensing:
 
     def take_scan(self, told: Any) -> None:
         """Take a LaserScan message."""
-        scan = self._timing.mended(LaserScan.told(told, stamp_of(told)))
+        scan = self._timing.mended(LaserScan.told(told, stamp_of(told, self._wall())))
         if not scan.makes_sense:
             return self.skip("scans of no possible lidar")
         ticks = self._ticks = self._ticks or self._accept_lidar(scan, told)

@@ -21,9 +21,9 @@ JUMP_M, JUMP_RAD = 0.3, 0.5
 class Wheelpath:
     """Where the robot's odometry led, as one way without jumps."""
 
-    def __init__(self, spec: RobotSpec, skip: Callable[[str], None]) -> None:
-        """skip: is told why a message cannot be used."""
-        self._spec, self._skip = spec, skip
+    def __init__(self, spec: RobotSpec, skip: Callable[[str], None], wall: Callable[[], float]) -> None:
+        """skip: is told why a message cannot be used. wall: time, for messages without a stamp."""
+        self._spec, self._skip, self._wall = spec, skip, wall
         self.frame, self.robot_frame = "odom", "base_link"
         """Of the odometry and of the robot, as the first message names them (REP 105 where it does not)."""
         self._rows: list[tuple[float, float, float, float]] = []
@@ -39,7 +39,7 @@ class Wheelpath:
 
     def take(self, told: Any) -> None:
         """Take an Odometry message."""
-        stamp_s, place, turn = stamp_of(told), told.pose.pose.position, told.pose.pose.orientation
+        stamp_s, place, turn = stamp_of(told, self._wall()), told.pose.pose.position, told.pose.pose.orientation
         x, y, z, w = (float(value) for value in (turn.x, turn.y, turn.z, turn.w))
         size = x * x + y * y + z * z + w * w
         if not all(abs(value) <= MAX_NUMBER for value in (place.x, place.y, size)) or size < 0.5:

@@ -161,6 +161,23 @@ def test_odometry_that_is_later_than_the_next_scan_starves_no_robot(late: int) -
     assert len(used) > 90 and set(np.diff(used)) == {1} and not sensing.skipped
 
 
+@pytest.mark.parametrize("unstamped", [(odometry,), (scan,), (odometry, scan)])
+def test_messages_without_a_stamp_are_of_when_they_came(unstamped: tuple[Any, ...]) -> None:
+    """As of micro-ROS without synchronised time: the robot stood for ever, for wrong reasons."""
+    now = BEGIN_S
+    sensing, used = Sensing(ROBOT, False, lambda: now, lambda: now), 0
+    for k in range(100):
+        now = BEGIN_S + 0.01 * k
+        for make, take, every in ((odometry, sensing.wheels.take, 2), (scan, sensing.take_scan, 5)):
+            if k % every == 0:
+                message = make(now)
+                if make in unstamped:
+                    message.header.stamp.sec = message.header.stamp.nanosec = 0
+                take(message)
+        used += sensing.due() is not None
+    assert used >= 16 and "odometry whose time jumps back" not in sensing.skipped
+
+
 def test_half_a_second_without_scans_is_as_many_ticks_and_the_way_goes_on() -> None:
     sensing, _ = begun()
     found = feed(sensing, [0.0, TURN_S, TURN_S + 0.5, TURN_S + 0.5 + TURN_S])

@@ -16,7 +16,7 @@ TURN_S = 1 / LIDAR.rate_hz
 
 
 def taken(message: Any) -> LaserScan:
-    return LaserScan.told(message, stamp_of(message))
+    return LaserScan.told(message, stamp_of(message, 0.0))
 
 
 @pytest.mark.parametrize("shown", [TURN_S, 0.001, 0.0])
