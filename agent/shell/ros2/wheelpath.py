@@ -17,6 +17,13 @@ MOST_KEPT = 10_000  # messages of odometry that are kept: 1 kHz in these seconds
 JUMP_M, JUMP_RAD = 0.3, 0.5
 """Odometry that moves by more than twice what the robot can do, and so much, began anew: its base was started again."""
 
+BEGUN = 0.05
+"""Metres and radians within which odometry is at its origin."""
+
+
+def _at_origin(pose: Pose, within_m: float, within_rad: float) -> bool:
+    return math.hypot(pose[0], pose[1]) <= within_m and abs(wrapped(pose[2])) <= within_rad
+
 
 class Wheelpath:
     """Where the robot's odometry led, as one way without jumps."""
@@ -70,7 +77,10 @@ class Wheelpath:
             dx, dy, turn = relative((last[0], last[1], last[2]), own)
             passed_s = max(stamp_s - before, 0.0)
             far = math.hypot(dx, dy) > JUMP_M + 2 * self._spec.max_speed_mps * passed_s
-            if far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
+            # after a pause it may have come far, but hardly to where odometry begins
+            anew = passed_s > APART_S and _at_origin(pose, BEGUN, BEGUN)
+            anew = anew and not _at_origin(self.told((last[0], last[1], last[2])), JUMP_M, JUMP_RAD)
+            if anew or far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
                 self._skip("times at which odometry began anew")
                 own, turn = (last[0], last[1], wrapped(last[2])), 0.0
                 self._fix = compose(own, inverted(pose))

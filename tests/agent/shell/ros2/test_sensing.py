@@ -277,6 +277,17 @@ def test_odometry_that_begins_anew_leaves_no_jump() -> None:
     assert seen.odometry == pytest.approx((0.02, 0.0, 0.0), abs=1e-6)
 
 
+def test_a_base_that_is_started_again_after_a_while_leaves_no_jump() -> None:
+    """In 6 s it might have driven home, and was taken to be there."""
+    sensing, _ = begun()
+    last = feed(sensing, [0.0])[0].observation
+    sensing.wheels.take(odometry(BEGIN_S + 6, (0.0, 0.0, 0.0)))
+    sensing.take_scan(scan(BEGIN_S + 6))
+    seen = sensing.due()
+    assert seen is not None and sensing.skipped == {"times at which odometry began anew": 1}
+    assert math.dist(seen.observation.odometry, last.odometry) < 0.02
+
+
 @pytest.mark.parametrize(
     ("more", "reason"),
     [
