@@ -83,7 +83,9 @@ class Benchmark:
         """
         stem, file = folder / self.stem(quick, ideal), self.file(folder, quick, ideal)
         make_folder(stem, "--results")
-        check_has_folder(file, "--results")
+        drawn = [table for part in self.parts for table in part.TABLES if table.drawn is not None]
+        for output in (file, *(picture(file, table.name) for table in drawn)):
+            check_has_folder(output, "--results")
         made_by = {"command": self.command(quick, ideal), "revision": revision(WITH_BENCHMARKS)}
         measuring = copy_context()
         measuring.run(IDEAL_BENCHMARK.set, ideal)
@@ -96,6 +98,11 @@ class Benchmark:
         if outcome.failed:
             return Status.FAILURE
         return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK
+
+
+def picture(file: Path, table: str) -> Path:
+    """The picture of a table, beside the file of all tables."""
+    return file.with_name(f"{file.stem}-{table}.png")
 
 
 def report(
@@ -126,5 +133,5 @@ def report(
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
     for section in sections:
-        section.draw(out.with_name(f"{out.stem}-{section.table.name}.png"))
+        section.draw(picture(out, section.table.name))
     console.print(f"written to {out}", highlight=False)

@@ -147,6 +147,10 @@ finally:
         (["run", "--set", "robots.x=2"], "robots"),
         (["run", "--mind", "Mapper"], "wireswarm: mind: MODULE:CLASS, such as my_robot:Mapper, not 'Mapper'\n"),
         (["run", "--set", "faults=[r2@0]"], "wireswarm: faults.0: ROBOT@TICK, such as r2@100, not 'r2@0'\n"),
+        (
+            ["run", "--set", "radio.models=[{kind: blackout, begin_s: 0, end_s: 1, robots: [R2]}]"],
+            "robots.0: a robot's name, such as r2, not 'R2'\n",
+        ),
         (["run", "--set", "ros2.scan_topic=/"], "ros2.scan_topic: a topic, such as scan or /r1/scan, not '/'\n"),
         (["run", "--robots", "2", "--mind", "r9=a:B"], "wireswarm: mind: r9 is no robot that takes part\n"),
         (["run", "--set", "faults=[r9@3]"], "wireswarm: faults: r9@3 is of no robot that takes part\n"),
@@ -202,6 +206,10 @@ finally:
             ["bench", "lidar", "--quick", "--results", "full"],
             "--results full/lidar-quick.json: this is a folder; name a file\n",
         ),
+        (
+            ["bench", "alignment", "--part", "live", "--quick", "--results", "full"],
+            "--results full/alignment-quick-live-range.png: this is a folder; name a file\n",
+        ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -214,7 +222,8 @@ def test_what_a_user_can_act_on_is_one_sentence(
     (tmp_path / "tiny.yaml").write_text(ROOM)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
-    (tmp_path / "full" / "lidar-quick.json").mkdir()
+    for name in ("lidar-quick.json", "alignment-quick-live-range.png"):
+        (tmp_path / "full" / name).mkdir()
     status, out, err = wireswarm(*arguments)
     assert status == 2
     assert out == "" and words in err

@@ -10,12 +10,13 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from protocol.codec import MAX_MESSAGE_BYTES
-from protocol.messages import MTU_BYTES, RobotId
+from protocol.messages import ID, MTU_BYTES
 from protocol.settings import Chance, Config, NotNegative, Positive, shaped
 
 MAX_MTU_BYTES = MAX_MESSAGE_BYTES - 256
 """What is heard comes with its sender, in a message of the world that may be no longer than others (ours)."""
 
+RobotName = Annotated[str, shaped(ID, "a robot's name, such as r2")]
 LinkName = Annotated[str, shaped(r"[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}", "SENDER>RECEIVER, such as r1>r2")]
 
 
@@ -111,7 +112,7 @@ class Blackout(Config):
     """Begin in simulated seconds."""
     end_s: NotNegative
     """End in simulated seconds."""
-    robots: list[RobotId] = Field(default_factory=list)
+    robots: list[RobotName] = Field(default_factory=list)
     """Robots that neither send nor hear; empty for all."""
 
     @model_validator(mode="after")
