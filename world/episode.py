@@ -88,6 +88,8 @@ class Episode:
         self._answered: list[tuple[int, str, Outputs, Wireframe | None]] = []
         """Tick, robot, answer and its map, where the ledger was not told yet."""
         self._closed = False
+        self.goes_on = state is not None
+        """Whether another process has begun the run."""
         self._resumed_s = 0.0
         """Simulated seconds at which this process took the run over."""
         self._checkpoint: Checkpoint | None = None

@@ -58,13 +58,16 @@ class Participants:
         dead: Mapping[str, str],
         linked: Callable[[], Collection[str]] | None = None,
         known: Callable[[str], str | None] | None = None,
+        *,
+        goes_on: bool = False,
     ) -> None:
         """dead: the reason for each robot that was given up, which may grow.
 
         linked: the Zenoh IDs that have a link; None where all links end at a router between, and tokens tell. known:
-        the Zenoh ID that a robot must have, None for one that has no place; None where nobody shows who it is.
+        the Zenoh ID that a robot must have, None for one that has no place; None where nobody shows who it is. goes_on:
+        another world has begun the run, and may have let in robots of which its log does not tell.
         """
-        self._robots, self._dead, self._known = list(robots), dead, known
+        self._robots, self._dead, self._known, self._goes_on = list(robots), dead, known, goes_on
         self._by_token, self._linked = linked is None, linked or self._with_tokens
         self.sessions: dict[str, str] = {}
         """Zenoh ID of each robot that was let in."""
@@ -113,7 +116,8 @@ class Participants:
         # a process whose link was lost and is there again asks again; one that died has no link any more
         if robot in self.sessions and self._is_another(join) and self._is_there(robot):
             return f"another {robot} is there already"
-        if self.processes.get(robot) != join.process:  # its token is of another run or process, and will go
+        by_another = self._goes_on and robot not in self.sessions  # then it lives in this run, and its token stays
+        if self.processes.get(robot) != join.process and not by_another:  # of another run or process, and will go
             self._tokens.discard(robot)
         self.sessions[robot], self.processes[robot] = join.session, join.process
         if robot not in self._tokens:

@@ -147,7 +147,7 @@ class Shell:
         self._session, self._declared = session, ExitStack()
         linked = self._linked if config.connect is None else None
         self._known = known
-        self._participants = Participants(episode.robots, episode.dead, linked, known)
+        self._participants = Participants(episode.robots, episode.dead, linked, known, goes_on=episode.goes_on)
         self._participants.processes.update(episode.processes)
         self._answers: Answers = LockstepAnswers(episode.robots)
         if not self._lockstep:

@@ -68,6 +68,15 @@ def test_a_token_from_before_a_process_is_let_in_is_not_its() -> None:
     assert asks(there, "0a", "01") is None and there.ready == ["r1"]  # its link was lost, and is back
 
 
+def test_a_world_that_goes_on_keeps_the_tokens_of_robots_that_its_log_does_not_tell_of() -> None:
+    """Let in by the world before, they live in the run and never declare them anew; they were waited for in vain."""
+    there = Participants(["r1"], {}, goes_on=True)
+    there.token_came("r1")
+    assert asks(there, "0a", "01") is None and (there.ready, there.preparing) == (["r1"], [])
+    assert asks(there, "0a", "02") is None  # that token was of the one before
+    assert (there.ready, there.preparing) == ([], ["r1"])
+
+
 def test_a_refusal_among_many_robots_fits_into_a_message() -> None:
     there = Participants([f"r{number + 1}" for number in range(500)], {})
     refusal = there.admit("r501", keys.JOIN, encode(Join(version=PROTOCOL_VERSION, robot="r501")))
