@@ -30,9 +30,10 @@ def finish(run: Path) -> bool:
 
     Raises NoRunError and CheckpointError where the directory does not tell enough, OSError where it cannot be written.
     """
-    config, left = left_by(run), (run / CHECKPOINT_FILE).exists()
-    if not left and manifest.read(run).get("ended"):
+    left = (run / CHECKPOINT_FILE).exists()
+    if not left and manifest.ended(run):
         return False
+    config = left_by(run)
     episode = Episode.resume(config, run) if left else None
     remove_parts(run)
     withdraw(run)

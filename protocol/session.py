@@ -21,7 +21,7 @@ from typing import Any
 
 import zenoh
 
-from protocol.access import Credentials, zenoh_id
+from protocol.access import WORLD, Credentials, zenoh_id
 from protocol.codec import MAX_FRAME_BYTES
 from protocol.errors import InputError, Interrupted, LinkError
 from protocol.inbox import SIGNAL_S
@@ -201,7 +201,8 @@ def open_client(
         if settings.pop("id", None) and _opens(settings | {"connect/timeout_ms": 0}):
             raise LinkError(f"another session is {name} at {connect}: end it, or use another name") from None
         hint = UNREACHED if credentials is None else credentials.refused(name, connect)
-        raise LinkError(f"no world answers at {connect} within {timeout_s:g} s: {hint}") from None
+        whom = "router" if name == WORLD else "world"
+        raise LinkError(f"no {whom} answers at {connect} within {timeout_s:g} s: {hint}") from None
     with session:
         yield session
 

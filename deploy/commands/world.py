@@ -86,6 +86,7 @@ def world_(
     from deploy.launch.launcher import run_directory
     from protocol import credentials
     from protocol.errors import InputError
+    from protocol.files import remove_parts
     from world.shell.inbox import WorldInbox
     from world.shell.server import serve
     from world.worldfile import load
@@ -95,9 +96,14 @@ def world_(
     loaded = load(settings.world)
     stop_on_signals(inbox := WorldInbox())
 
+    goes_on, is_ours = resume is not None, False
+
     def listening(endpoint: str) -> None:
+        nonlocal is_ours
         if goes_on:  # only now is it sure
+            is_ours = True
             manifest.resume(directory)
+            remove_parts(directory)
         place = "listening on" if settings.server.connect is None else "robots are awaited at"
         tell(f"{place} {endpoint}\nradio: {settings.radio}")
 
@@ -106,12 +112,20 @@ def world_(
         del begun["config"]["agent"]  # each robot has its own
         manifest.begin(directory, begun)
 
+    def has_begun() -> bool:
+        """Whether there is a run, begun or taken over by this process, of whose end it tells."""
+        return is_ours if goes_on else (directory / "world.yaml").exists()
+
+    def written(ended: str) -> None:
+        if has_begun():
+            manifest.finish(directory, ended=ended)
+
     standing: dict[str, str] = {}  # how each robot does
 
     def progress(progress: Progress) -> None:
         standing.update(progress.clock.status)
 
-    goes_on, router = resume is not None, settings.server.connect is not None
+    router = settings.server.connect is not None
     place = nullcontext((resume, list[Path]())) if resume else run_directory(out, settings.world, settings.seed)
     with place as (directory, made), credentials.of_all(settings.robot_ids, secrets, certs, world=router) as known:
         if not goes_on:
@@ -129,17 +143,19 @@ def world_(
                 listening=listening,
                 awaited=lambda awaited: tell(str(awaited)),
                 progress=progress,
-                written=lambda ended: manifest.finish(directory, ended=ended),
+                written=written,
             )
         except Exception as error:
-            if not (directory / "world.yaml").exists():  # it could not begin
-                manifest.withdraw(directory)
-            elif not isinstance(error, InputError):
+            if has_begun() and not isinstance(error, InputError):
                 manifest.finish(directory, ended="interrupted", exit_status=Status.FAILURE, errors=[str(error)])
             raise
+        finally:
+            if not goes_on and not has_begun():
+                manifest.withdraw(directory)
         status = of_run(ended, settings.until, standing.values())
-        manifest.finish(directory, ended=ended, exit_status=status)
-    tell(f"ended: {ended}; {printable(str(directory))}")
+        if has_begun():
+            manifest.finish(directory, ended=ended, exit_status=status)
+    tell(f"ended: {ended}; {printable(str(directory))}" if has_begun() else f"ended: {ended}")
     if status != Status.INTERRUPTED:
         with on_interrupt(partial(leave, directory, made)):
             status = write_results(directory, status=status)

@@ -251,7 +251,22 @@ def test_a_world_that_finds_no_router_leaves_nothing_behind(wireswarm: Command, 
     for _ in range(2):
         router = ("--connect", "tcp/127.0.0.1:1", "--set", "server.join_timeout_s=0.1")
         status, _, err = wireswarm("world", "--world", "tiny.yaml", "--out", "run", *router)
-        assert status == 1 and "no world answers at tcp/127.0.0.1:1" in err
+        assert status == 1 and "no router answers at tcp/127.0.0.1:1" in err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_world_that_is_interrupted_before_its_run_begins_leaves_nothing_behind(
+    wireswarm: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What it left while it counted robots, no command took for a run."""
+
+    def serve(*_: object, written: Callable[[str], None], **__: object) -> str:
+        written("interrupted")
+        return "interrupted"
+
+    monkeypatch.setattr("world.shell.server.serve", serve)
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    assert wireswarm("world", "--world", "tiny.yaml", "--out", "run") == (130, "ended: interrupted\n", "")
     assert not (tmp_path / "run").exists()
 
 

@@ -17,6 +17,7 @@ from deploy import cli, inprocess, manifest
 from deploy.bandwidth.books import read_books
 from deploy.commands import results
 from deploy.commands.world import _resumed
+from deploy.finish import finish
 from protocol.errors import LinkError
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
@@ -123,6 +124,7 @@ def test_a_run_that_goes_on_has_not_ended_and_has_no_errors(tmp_path: Path, monk
     manifest.begin(tmp_path, begun := manifest.begun(config, load(config.world)))
     manifest.finish(tmp_path, ended="interrupted", exit_status=1, errors=["No space left on device"])
     shutil.copy(config.world, tmp_path / "world.yaml")
+    (tmp_path / ".checkpoint.msgpack.1-0123abcd").write_bytes(b"half of a file")
 
     def serve(*_: Any, listening: Any, **__: Any) -> str:
         listening("tcp/127.0.0.1:7447")
@@ -133,7 +135,29 @@ def test_a_run_that_goes_on_has_not_ended_and_has_no_errors(tmp_path: Path, monk
     monkeypatch.setattr(sys, "argv", ["wireswarm", "world", "--resume", str(tmp_path)])
     with pytest.raises(SystemExit, match="130"):
         cli.main()
-    assert "errors" not in manifest.read(tmp_path)
+    assert "errors" not in manifest.read(tmp_path) and not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_world_that_did_not_take_a_run_over_does_not_tell_that_it_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
+    """`finish` took it for one that had ended, once its checkpoint was gone."""
+    config = tiny_config(tmp_path)
+    manifest.begin(tmp_path, manifest.begun(config, load(config.world)))
+    shutil.copy(config.world, tmp_path / "world.yaml")
+
+    def serve(*_: Any, written: Any, **__: Any) -> str:
+        if not interrupted:
+            raise LinkError("no router answers")
+        written("interrupted")
+        return "interrupted"
+
+    monkeypatch.setattr("world.shell.server.serve", serve)
+    monkeypatch.setattr(sys, "argv", ["wireswarm", "world", "--resume", str(tmp_path)])
+    with pytest.raises(SystemExit, match="130" if interrupted else "1"):
+        cli.main()
+    assert manifest.ended(tmp_path) is None
 
 
 @pytest.mark.parametrize(("before", "option"), [("connect", "--listen"), ("listen", "--connect")])
@@ -166,6 +190,14 @@ def killed(folder: Path, until: float = 120.0) -> Path:
         for one in agents:
             one.result(30)
     return run
+
+
+def test_of_a_run_that_ended_before_it_began_nothing_is_left_to_finish(tmp_path: Path) -> None:
+    """Its world was asked for, which is written as the run begins."""
+    config = tiny_config(tmp_path)
+    manifest.begin(tmp_path, manifest.begun(config, load(config.world)))
+    manifest.finish(tmp_path, ended="interrupted")
+    assert not finish(tmp_path)
 
 
 def test_what_a_killed_world_left_is_finished_once(
