@@ -214,18 +214,22 @@ class Shell:
         everybody = len(self.episode.robots)  # with `settle_s` fewer may have come than begin_with
         first = min(self.config.begin_with or everybody, everybody)
         while not self._here and len(self._participants.ready) < first:
-            missing = self._participants.missing
-            if not self._take_awaited(deadline, first):
-                coming = len(self._participants.ready) + len(self._participants.preparing)
-                if coming >= first and time.monotonic() - begin < self.config.silence_s:
-                    deadline = time.monotonic() + SAY_AGAIN_S
-                    continue
-                where = endpoint.replace("/0.0.0.0:", "/HOST:").replace("/[::]:", "/HOST:")
-                command = f"wireswarm agent --id {missing[0]} --connect {where}"
-                certs = " --certs DIR" if where.startswith("tls/") else ""
-                raise LinkError(
-                    f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by `{command}{certs}`"
-                )
+            if self._take_awaited(deadline, first):
+                continue
+            preparing = self._participants.preparing
+            coming = len(self._participants.ready) + len(preparing)
+            if coming >= first and time.monotonic() - begin < self.config.silence_s:
+                deadline = time.monotonic() + SAY_AGAIN_S
+                continue
+            absent = [robot for robot in self._participants.missing if robot not in preparing]
+            if not absent:
+                late = f"did not become ready within {self.config.silence_s:g} s, though let in"
+                raise LinkError(f"{', '.join(preparing)} {late}: look at the last words of each")
+            where = endpoint.replace("/0.0.0.0:", "/HOST:").replace("/[::]:", "/HOST:")
+            command = f"wireswarm agent --id {absent[0]} --connect {where}"
+            certs = " --certs DIR" if where.startswith("tls/") else ""
+            late = f"did not join within {timeout_s:g} s"
+            raise LinkError(f"{', '.join(absent)} {late}: start each by `{command}{certs}`")
         ready = self._participants.ready
         to_robots = [put for (robot, _), put in self._put.items() if robot in ready]
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
@@ -573,7 +577,7 @@ class Shell:
         if refusal is None:
             # in real time it has `left`, and has `rejoined` once it is ready
             if self._lockstep and robot in self._here and processes[robot] != before:
-                self._newcomers[robot] = "rejoined"
+                self._newcomers.setdefault(robot, "rejoined")  # one that `joined` in this tick still has
             self._welcome_back(robot)
 
     def _let_go(self, arrival: Arrival, query: zenoh.Query) -> None:

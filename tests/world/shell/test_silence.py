@@ -8,6 +8,7 @@ import pytest
 
 from protocol import keys
 from protocol.codec import encode
+from protocol.errors import LinkError
 from protocol.inbox import Arrival
 from protocol.messages import PROTOCOL_VERSION, Action, Join
 from protocol.session import open_router
@@ -59,9 +60,20 @@ def acts(at: float, robot: str, tick: int = 0) -> list[Timed]:
     return [(at, Arrival(keys.ACT, robot, encode(Action(tick=tick, speed_mps=0.0, turn_rps=0.0))))]
 
 
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ticks: int, arrivals: list[Timed], **more: Any) -> list[Any]:
+BOTH = [*joins(0.0, "r1", "01"), *joins(0.0, "r2", "02")]
+
+
+def run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ticks: int,
+    arrivals: list[Timed],
+    *,
+    there: list[Timed] = BOTH,
+    **more: Any,
+) -> list[Any]:
     """Events of a run of two robots, which are there at 0 s: robot, event and reason."""
-    inbox = Script([*joins(0.0, "r1", "01"), *joins(0.0, "r2", "02"), *arrivals])
+    inbox = Script([*there, *arrivals])
     monkeypatch.setattr(server, "time", inbox)
     monkeypatch.setattr(server, "wait_for_matching", lambda *_: None)
     episode = Episode(tiny_config(tmp_path, robots=2, until=ticks * TICK_S), tmp_path / "out")
@@ -130,3 +142,28 @@ def test_in_real_time_the_last_word_on_a_robot_that_is_away_is_that_it_left(
     ]
     told = run(tmp_path, monkeypatch, 3, arrivals, real_time=1.0)
     assert [(robot, event) for robot, event, _ in told] == [("r1", event) for event in ("left", "rejoined", "left")]
+
+
+@pytest.mark.parametrize(
+    ("there", "words"),
+    [
+        ([*asks(0.0, "r1", "01"), *asks(0.0, "r2", "02")], "r1, r2 did not become ready within 300 s, though let in"),
+        (asks(0.0, "r1", "01"), "r2 did not join within 60 s: start each by `wireswarm agent --id r2 "),
+    ],
+    ids=["all compile", "one compiles"],
+)
+def test_who_was_let_in_and_compiles_for_long_is_not_asked_to_join(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: list[Timed], words: str
+) -> None:
+    with pytest.raises(LinkError, match=f"^{words}"):
+        run(tmp_path, monkeypatch, 1, [], there=there)
+
+
+def test_who_joins_late_and_is_replaced_in_the_same_tick_has_joined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It had `rejoined` alone, so nothing told when it came."""
+    r2 = [*joins(0.1, "r2", "02"), *goes(0.2, "r2"), *joins(0.3, "r2", "03"), *acts(0.4, "r2")]
+    arrivals = [*r2, *acts(0.5, "r1")]
+    told = run(tmp_path, monkeypatch, 1, arrivals, there=joins(0.0, "r1", "01"), begin_with=1)
+    assert [(robot, event) for robot, event, _ in told] == [("r2", "joined")]
