@@ -28,7 +28,8 @@ from protocol.session import open_client, open_router
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Sleeper, Wanderer, endless
 from world.shell.inbox import WorldInbox
-from world.shell.server import Shell, serve
+from world.shell.server import serve
+from world.shell.shell import Shell
 
 pytestmark = pytest.mark.system
 

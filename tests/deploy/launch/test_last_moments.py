@@ -24,7 +24,7 @@ from tests.wanderer import Wanderer, endless
 from tests.world.shell.test_roll_call import world
 from world.checkpoint import CHECKPOINT_FILE
 from world.episode import Episode
-from world.shell.server import Shell
+from world.shell.shell import Shell
 from world.tick import Outputs
 
 pytestmark = pytest.mark.system
