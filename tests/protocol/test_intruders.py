@@ -28,7 +28,7 @@ from tests.protocol.intruder import Attack, Intruder
 from tests.tiny import digests, tiny_config
 from tests.wanderer import endless
 from world.shell.answers import MAX_SENT_BYTES
-from world.shell.shell import MOST_QUESTIONS
+from world.shell.questions import MOST_QUESTIONS
 
 ATTACK_TICK = 7
 OTHERS = ("robots/r1/out/act", "robots/r2/out/radio", "robots/r1/in/obs", "robots/r2/in/radio", "robots/r1/in/end",

@@ -13,9 +13,11 @@ from protocol.errors import InputError, Interrupted
 from protocol.session import open_client, open_router, place
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
+from world.shell.gathering import OnAwaited
 from world.shell.inbox import WorldInbox
 from world.shell.roll_call import count
-from world.shell.shell import OnAwaited, OnProgress, OnWritten, Shell
+from world.shell.shell import OnWritten, Shell
+from world.shell.voice import OnProgress
 
 OTHER_WORLD_S = 2.0
 """How long a router may take to say whether a world is there already; it takes some ms."""

@@ -24,7 +24,7 @@ from tests.wanderer import Wanderer, endless
 from tests.world.shell.test_roll_call import world
 from world.checkpoint import CHECKPOINT_FILE
 from world.episode import Episode
-from world.shell.shell import Shell
+from world.shell.voice import Voice
 from world.tick import Outputs
 
 pytestmark = pytest.mark.system
@@ -44,8 +44,8 @@ def dies_before_its_manifest_is_written(launcher: Any, log: Any, *arguments: Any
 
 def die_at_farewell() -> None:
     """When all is written and the checkpoint is gone."""
-    tell = Shell.tell
-    Shell.tell = lambda self, ended=None: die() if ended else tell(self)  # type: ignore[method-assign]
+    tell = Voice.tell
+    Voice.tell = lambda self, ended=None: die() if ended else tell(self)  # type: ignore[method-assign]
 
 
 def dies_as_it_says_farewell(*arguments: Any) -> None:
@@ -55,15 +55,15 @@ def dies_as_it_says_farewell(*arguments: Any) -> None:
 
 def dies_with_a_damaged_checkpoint(launcher: Any, log: Any, config: Any, out: Path, *arguments: Any) -> None:
     """In the midst of the run."""
-    tell = Shell.tell
+    tell = Voice.tell
 
-    def damage(self: Shell, ended: str | None = None) -> None:
+    def damage(self: Voice, ended: str | None = None) -> None:
         tell(self, ended)
-        if self.episode.tick:
+        if self._episode.tick:
             (out / CHECKPOINT_FILE).write_bytes(b"")
             die()
 
-    Shell.tell = damage  # type: ignore[method-assign]
+    Voice.tell = damage  # type: ignore[method-assign]
     world_process(launcher, log, config, out, *arguments)
 
 

@@ -11,14 +11,14 @@ from agent.shell.process import run_agent
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
+from world.shell.gathering import AWAITED_S
 from world.shell.participants import Awaited
-from world.shell.shell import AWAITED_S
 
 TWENTY = "r1, r2, r3, r4, r5, r6, r7, r8 and 12 more are here, the run begins"
 
 
 def test_a_world_says_who_is_here_and_who_is_awaited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("world.shell.shell.AWAITED_S", AWAITED_S / 50)
+    monkeypatch.setattr("world.shell.gathering.AWAITED_S", AWAITED_S / 50)
     said: list[str] = []
     config = tiny_config(tmp_path, robots=2, until=1.0)
     more = {"settle_s": None, "awaited": lambda awaited: said.append(str(awaited))}

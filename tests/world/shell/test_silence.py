@@ -16,7 +16,7 @@ from tests.agent.shell.test_process import events
 from tests.tiny import tiny_config
 from world.config import ServerConfig
 from world.episode import Episode
-from world.shell import shell
+from world.shell import gathering, pace, shell, voice
 from world.shell.inbox import WorldInbox
 
 TICK_S = 0.2
@@ -74,8 +74,9 @@ def run(
 ) -> list[Any]:
     """Events of a run of two robots, which are there at 0 s: robot, event and reason."""
     inbox = Script([*there, *arrivals])
-    monkeypatch.setattr(shell, "time", inbox)
-    monkeypatch.setattr(shell, "wait_for_matching", lambda *_: None)
+    for module in (gathering, pace, shell, voice):
+        monkeypatch.setattr(module, "time", inbox)
+    monkeypatch.setattr(voice, "wait_for_matching", lambda *_: None)
     episode = Episode(tiny_config(tmp_path, robots=2, until=ticks * TICK_S), tmp_path / "out")
     config = ServerConfig(connect="tcp/127.0.0.1:1", **more)
     with open_router() as (session, _), shell.Shell(episode, config, session, inbox, lambda _: None) as alone:
