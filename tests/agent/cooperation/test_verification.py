@@ -1,6 +1,7 @@
 """A proposal on trial: what each kind of evidence weighs, and when it decides."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig, VerificationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence
+from agent.cooperation.evidence import MAX_PIECES, WALL_MARGIN_M, WallEvidence
 from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
 from agent.mapping.views import sees_place, view_of
@@ -141,6 +142,56 @@ def test_what_is_known_of_walls_outlives_a_later_map_whose_corners_have_moved_by
         walls.lay(replace(later, points=points), np.array(frame), first)
         assert walls.hidden(3).tolist() == [True] * 4 + [False] * 4
         assert (walls.fresh == (walls.wall >= 4)).all()
+
+
+def lined(*walls: tuple[float, float, float, float]) -> Wireframe:
+    """Walls (x1, y1, x2, y2) that share no corner."""
+    count = len(walls)
+    edges = np.arange(2 * count, dtype=np.int32).reshape(-1, 2)
+    points, labels = np.array(walls).reshape(-1, 2), np.zeros(2 * count, np.uint8)
+    return Wireframe(points, labels, edges, np.ones(count, np.float32), np.ones(count, np.bool_))
+
+
+@pytest.mark.parametrize("step", [0.03, 0.05, 0.09])
+def test_no_more_of_a_wall_is_known_as_it_grows(step: float) -> None:
+    """Of 2 m that scans had confirmed the newest end handed it on, map by map, to 4 m of which none saw more."""
+    walls = WallEvidence()
+    walls.lay(lined((0.0, 0.0, 2.0, 0.0)), np.zeros(3), Wireframe())
+    walls.on[:] = 3
+    for k in range(1, 41):
+        walls.lay(lined((0.0, 0.0, 2.0 + k * step, 0.0)), np.zeros(3), Wireframe())
+        assert 1.7 < walls.said(2)[0] < 2.05
+
+
+def test_what_is_known_of_a_wall_is_known_of_one_of_its_copies() -> None:
+    walls = WallEvidence()
+    walls.lay(lined((0.0, 0.0, 2.0, 0.0)), np.zeros(3), Wireframe())
+    walls.on[:] = 3
+    walls.lay(lined(*((0.0, 0.008 * k, 2.0, 0.008 * k) for k in range(12))), np.zeros(3), Wireframe())
+    assert walls.said(2) == (pytest.approx(2.0), 0.0)
+
+
+@pytest.mark.parametrize(
+    "crowded",
+    [[(50.0, -1000.0, 50.0, 1000.0)], [(50.0 + 0.0002 * k, -2.0, 50.0 + 0.0002 * k, 2.0) for k in range(500)]],
+    ids=["a wall of 2 km", "500 walls in one place"],
+)
+def test_no_map_takes_much_longer_to_lay_than_another_with_as_many_pieces(
+    crowded: list[tuple[float, float, float, float]],
+) -> None:
+    """A wall of 2 km along y took 0.6 s of a tick, as all pieces of one x were compared with each other."""
+
+    def laid_s(wireframe: Wireframe) -> float:
+        walls = WallEvidence()
+        walls.lay(wireframe, np.zeros(3), Wireframe())
+        assert len(walls.pieces) == MAX_PIECES
+        begin = time.process_time()
+        walls.lay(wireframe, np.zeros(3), Wireframe())
+        return time.process_time() - begin
+
+    scattered = lined(*((k, 0.0, k, 4.0) for k in range(500)))
+    least_s = [min(laid_s(wireframe) for _ in range(3)) for wireframe in (scattered, lined(*crowded))]
+    assert least_s[1] < 10 * least_s[0]
 
 
 @pytest.mark.parametrize(("late", "seen"), [
