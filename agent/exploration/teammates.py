@@ -48,12 +48,20 @@ class Teammates:
         """Take in where teammates are seen now (k, 2): of two side by side each keeps its own place."""
         memory = MEMORY_S * self.rate_hz
         self.known = [mate for mate in self.known if tick - mate.seen <= memory or tick < mate.avoid_until]
-        for x, y in places.tolist():
-            mate = self.near(x, y, _SAME_M, before=tick)
-            if mate is None:
+        seen = places.tolist()
+        offs = (
+            (math.dist((mate.x, mate.y), at), k, m) for k, at in enumerate(seen) for m, mate in enumerate(self.known)
+        )
+        mates: dict[int, Teammate] = {}
+        for _, k, m in sorted(off for off in offs if off[0] <= _SAME_M):  # the nearest pair first, each one once
+            if self.known[m].seen < tick and k not in mates:
+                mates[k], self.known[m].seen = self.known[m], tick
+        for k, (x, y) in enumerate(seen):
+            if k not in mates:
                 self.known.append(Teammate(x, y, tick, x, y, tick))
                 continue
-            mate.x, mate.y, mate.seen = x, y, tick
+            mate = mates[k]
+            mate.x, mate.y = x, y
             if math.hypot(mate.still_x - x, mate.still_y - y) > STILL_M:
                 mate.still_x, mate.still_y, mate.still_since = x, y, tick
 
@@ -66,10 +74,9 @@ class Teammates:
         places = [(mate.x, mate.y) for mate in self.known if mate.seen < tick]
         return np.array([at for at in places if math.dist(at, (x, y)) <= self._blind_m]).reshape(-1, 2)
 
-    def near(self, x: float, y: float, reach_m: float, before: float = math.inf) -> Teammate | None:
-        """The teammate nearest to (x, y) of those last seen before a tick, if within reach."""
-        mates = (mate for mate in self.known if mate.seen < before)
-        mate = min(mates, key=lambda mate: math.hypot(mate.x - x, mate.y - y), default=None)
+    def near(self, x: float, y: float, reach_m: float) -> Teammate | None:
+        """The teammate nearest to (x, y), if within reach."""
+        mate = min(self.known, key=lambda mate: math.hypot(mate.x - x, mate.y - y), default=None)
         return mate if mate is not None and math.hypot(mate.x - x, mate.y - y) <= reach_m else None
 
     def avoid(self, mate: Teammate, tick: int) -> None:

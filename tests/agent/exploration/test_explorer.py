@@ -703,6 +703,16 @@ def test_two_teammates_that_stand_side_by_side_are_both_in_the_way(gap):
     assert sorted([mate.x, mate.y] for mate in mates.in_the_way(10)) == two.tolist()
 
 
+@pytest.mark.parametrize("first", ["who stands", "who comes"])
+def test_who_comes_up_beside_a_teammate_that_stands_takes_not_its_record(first):
+    """Named first it did, and the one that stood was in nobody's way for 2 s."""
+    mates, two = Teammates(SPEC), np.array([[3.0, 0.5], [3.0, 0.78]])
+    for tick in range(10):
+        mates.update(tick, two[:1])
+    mates.update(10, two if first == "who stands" else two[::-1])
+    assert [(mate.x, mate.y) for mate in mates.in_the_way(10)] == [(3.0, 0.5)]
+
+
 def test_a_teammate_that_is_too_near_to_be_measured_is_not_driven_into():
     """It comes up to the robot, stops 0.25 m before it, and is in no scan from 0.27 m on."""
     room, robot = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), explorer(default_state="perimeter")
