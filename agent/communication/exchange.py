@@ -27,6 +27,9 @@ MOST_DOUBLINGS = 3
 """How often the wait for an acknowledgement doubles at most."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
+LATE_S = 5.0
+"""Messages are taken to be under way for no longer, nor for longer than the silence after which a contact begins. More
+latency than that (settings allow it) may still look like a restart."""
 MOST_FROM_PEER = 80
 """Messages of one peer that are read in a tick (ours): all parts of a map, and some more. An honest peer sends 3."""
 MOST_ANSWERS = 8
@@ -104,6 +107,7 @@ class Exchange:
         self._beacons = Period(in_ticks(config.beacon_s, rate_hz))
         self._sight_beacons = Period(in_ticks(config.sight_beacon_s, rate_hz))
         self._silence_ticks = in_ticks(config.silence_s, rate_hz)
+        self._late_ticks = in_ticks(min(config.silence_s, LATE_S), rate_hz)
         self._period_ticks = in_ticks(config.map_period_s, rate_hz)
         self._retry_ticks = in_ticks(config.retry_s, rate_hz)
         self._patience_ticks = in_ticks(REASSEMBLY_S, rate_hz)
@@ -187,8 +191,7 @@ class Exchange:
                     self._answers.remove(theirs[0])
             return new
         if message.kind == ACK:
-            # messages are taken to be under way for no longer than the silence after which a contact begins
-            if not self._told[peer].take_ack(tick, Ack.decode(message.payload), self._silence_ticks):
+            if not self._told[peer].take_ack(tick, Ack.decode(message.payload), self._late_ticks):
                 return None
             contact = self.contacts.pop(peer, Contact(tick, tick))  # it knows nothing of the robot: it is met anew
             return BegunAnew(contact.since - self._silence_ticks)

@@ -80,7 +80,7 @@ class Told:
         """Note what the peer has, or lacks; true where it has nothing more of what it had, as it began anew.
 
         late_ticks: how long after its first answer it may seem to have nothing, by a message that is late. If it has
-        begun anew it says so again.
+        begun anew it says so again. Later answers do not matter, as who has a map never says again that it has none.
         """
         may_be_late = tick - self.acked_since <= late_ticks
         has_begun_anew = ack == HAS_NO_MAP and self.acked > 0 and not self.parts and not may_be_late
