@@ -439,10 +439,11 @@ class Explorer:
 
     def _step_aside(self, scene: Scene) -> Target | None:
         """Park elsewhere, nearby, so that who sees the robot can tell it from a post."""
-        if not self.parking.may_step_aside(scene.tick, scene.here, self.target, scene.strangers):
+        self.parking.meet(scene.strangers)
+        if not self.parking.may_step_aside(scene.tick, scene.here, self.target):
             return None
         roads, again = self.surroundings.tight_ways(scene), scene.tick + self._ticks(AGAIN_S)
-        place = self.parking.aside(again, scene.here, self.viewpoints.own_places(), roads, scene.strangers)
+        place = self.parking.aside(again, scene.here, self.viewpoints.own_places(), roads)
         return None if place is None else self._park_at(scene, place)
 
     def _barred(self, scene: Scene) -> bool:

@@ -841,15 +841,16 @@ def test_a_parked_robot_that_is_barred_for_a_while_shows_itself_afterwards():
     parking, here, own = Parking(), np.array((0.3, 0.0)), np.column_stack([np.arange(0.3, 3.0, 0.5), np.zeros(6)])
     dead_end = chain([(3, 0.3), (0, 0.3), (0, -0.3), (3, -0.3)])
     there, barrier, places = Target(Task("park", here, here), here[None], 0.13), np.array([(0.7, -0.3, 0.7, 0.3)]), []
+    parking.meet(["r2"])
     for tick in range(2 * MOST_SHOWN):
-        assert parking.may_step_aside(tick, here, there, ["r2"])
+        assert parking.may_step_aside(tick, here, there)
         walls = barrier if tick < MOST_SHOWN else NO_BARRIER
-        places.append(parking.aside(tick + 1, here, own, Roads(dead_end, here, 0.13, walls), ["r2"]))
+        places.append(parking.aside(tick + 1, here, own, Roads(dead_end, here, 0.13, walls)))
         if places[-1]:
             break
     assert len(places) == MOST_SHOWN + 1
-    parking.aside(tick + 2, here, own, Roads(dead_end, here, 0.13, barrier), ["r2"])
-    assert not parking.may_step_aside(tick + 1, here, there, ["r2"])
+    parking.aside(tick + 2, here, own, Roads(dead_end, here, 0.13, barrier))
+    assert not parking.may_step_aside(tick + 1, here, there)
 
 
 @pytest.mark.parametrize(
@@ -859,8 +860,9 @@ def test_a_parked_robot_that_is_barred_for_a_while_shows_itself_afterwards():
         ([["r2", "r3", "r4", "r5"], ["r3", "r4", "r5"], ["r4", "r5"], ["r5"]], [3, 3, 3, 3]),
         ([["r2"]] * 4, [3, 3, 2, 0]),
         ([["r2"], ["r3"], ["r2"], ["r3"], ["r2"], ["r3"]], [3, 3, 3, 3, 2, 2]),
+        ([[f"r{k}"] for k in range(2, 12)], [3] * 8 + [0] * 2),
     ],
-    ids=["one after the other", "all in contact", "one that never merges", "two that never merge"],
+    ids=["one after the other", "all in contact", "one that never merges", "two that never merge", "ever new names"],
 )
 def test_a_parked_robot_shows_itself_to_each_stranger(groups, moves):
     """The first strangers had all of its places, and one that came later waited for ever. Three sightings decide."""
@@ -872,8 +874,9 @@ def test_a_parked_robot_shows_itself_to_each_stranger(groups, moves):
         shown.append(0)
         for tick in islice(ticks, 3):
             here = there.task.stand
-            if parking.may_step_aside(tick, here, there, strangers):
-                there = parking.aside(tick, here, own, Roads(room, here, 0.13), strangers) or there
+            parking.meet(strangers)
+            if parking.may_step_aside(tick, here, there):
+                there = parking.aside(tick, here, own, Roads(room, here, 0.13)) or there
                 shown[-1] += there.task.stand is not here
     assert shown == moves
 
