@@ -27,10 +27,9 @@ WALL_MARGIN_M = 0.12
 """A wall within this of where the received map predicts one is the predicted one: 3 sigma of both maps' errors and of
 the transform's."""
 USED_M = 2.0 * WALL_MARGIN_M
-"""A piece of a received map within this of an own wall, in x and in y, is not fresh."""
+"""A piece of a received map within this of an own wall, in x and in y, is not fresh if their directions are alike."""
 SAME_COSINE = 0.9
-"""... if its direction differs by less than this cosine says, 26 degrees. Within PIECE_M, a piece that is as much alike
-is the one of the map before."""
+"""Cosine of 26 degrees: pieces whose directions differ by less are alike."""
 MOST_BESIDE = 32
 """Pieces that one is compared with in each column of places, at most: those of ten walls in 10 cm. In a pile of more,
 which no building has, the nearest may be missed; compared with all, it would stop the robot for half a second."""

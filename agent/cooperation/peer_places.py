@@ -77,7 +77,10 @@ class PeerPlaces:
         return rows[in_touch], rows[~in_touch]
 
     def strange_to(self, contacts: Iterable[str]) -> list[str]:
-        """Those in contact that have not merged the robot's map, by all that they said; none where none are shared."""
+        """Those in contact that have not merged the robot's map, by all that they said; none where none are shared.
+
+        Whose map the robot has not merged `strangers_among` tells.
+        """
         return [name for name in contacts if self._sharing and not self._knows_me(name)]
 
     def _knows_me(self, name: str) -> bool:
@@ -86,7 +89,10 @@ class PeerPlaces:
         return peer is not None and (peer.log.knows_me if self._division else isinstance(peer, Merged))
 
     def strangers_among(self, tick: int, heard: Iterable[str]) -> bool:
-        """Whether the robot has not merged the map of one of those that are heard, or only lately."""
+        """Whether the robot has not merged the map of one of those that are heard, or only lately.
+
+        Who has not merged its own `strange_to` tells.
+        """
         lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
         return any(not isinstance(peer, Merged) or peer.since >= lately for peer in peers)
 

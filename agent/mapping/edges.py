@@ -57,7 +57,7 @@ EDGE = np.dtype(
         ("strain", "f4", (2,)),  # means of how far pieces lie beside its line, and are turned, in deviations (`strain`)
         ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
         ("tip_sd", "f8", (2,)),  # m, standard deviation of the ends along the wall as seen from the robot; 0: not known
-        ("twin", "i8"),  # 1 + the wall that this scan cut it off or joined it into, until `know_walls`; 0: none
+        ("twin", "i8"),  # 1 + the wall that this scan cut it out of or joined it into, until `know_walls`; 0: none
     ],
     align=True,
 )
