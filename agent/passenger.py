@@ -93,7 +93,7 @@ class Passenger:
         if self.exchange.contacts or self.team.peers:
             self._look_at_own()
             if self.team.config.sharing:
-                self.team.hear(tick, news, pose, scan, self.own, [message.sender for message in heard])
+                self.team.hear(tick, news, pose, scan, self.own, {message.sender for message in heard})
                 events = [*events, *self._cooperate(tick)]
         return self.exchange.talk(tick, pose, lambda _: self.own, self._told.version), events
 

@@ -122,7 +122,7 @@ class Robot:
         pose, seen = self.filter.pose, scan.wireframe()
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
-            self.team.hear(tick, news, pose, scan, self.own, sorted(senders))
+            self.team.hear(tick, news, pose, scan, self.own, senders)
             self.team.judge(tick, self.own, pose)  # accept = judge(proposal), of the last tick's Z
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         self._draw_map(tick, own_changed)

@@ -96,7 +96,7 @@ class Team:
         self._lately = deque[PastScan](maxlen=self._ticks(RECALL_S))
         """Of the last ticks, the newest last."""
         self._heard: dict[str, int] = {}
-        """When each of the two that were heard last was heard: they tell whether one was alone."""
+        """The last two names heard, and when: two within ALONE_S mean that nobody was met alone."""
         self._looks, self._circles = Period(self._ticks(LOOK_S)), Period(self._ticks(CIRCLES_S))
         self.events: list[Event] = []
         """What happened in this tick."""
@@ -135,7 +135,7 @@ class Team:
         return in_ticks(seconds, self.spec.lidar.rate_hz)
 
     def hear(
-        self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe, senders: Iterable[str] = ()
+        self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe, senders: Iterable[str]
     ) -> None:
         """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame.
 
@@ -144,7 +144,7 @@ class Team:
         """
         self.events, self.changed, self._views_changed = [], False, False
         self._lately.append(PastScan(tick, here, apply(here, scan.discs), scan))
-        alone = self._hears_one(tick, [*senders, *(news.peer for news in told)])
+        alone = self._hears_one(tick, senders)
         for news in told:
             log = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer))).log
             log.take_contact(tick, news.since, self._ticks(KNOWN_S))
@@ -242,7 +242,7 @@ class Team:
             if peer.log.take_map([mine, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
 
-    def _hears_one(self, tick: int, senders: Sequence[str]) -> bool:
+    def _hears_one(self, tick: int, senders: Iterable[str]) -> bool:
         """Whether one robot alone was heard for a while, by a radio that reaches as far as the lidar."""
         lately = self._heard | dict.fromkeys(senders, tick)
         self._heard = dict(sorted(lately.items(), key=lambda one: one[1])[-2:])

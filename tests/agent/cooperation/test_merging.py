@@ -51,7 +51,7 @@ def test_what_own_scans_contradict_is_not_proposed_again_by_the_same_maps(
         peer.log.map = ReceivedMap(peer.map.wireframe, 1)
     monkeypatch.setattr(WallEvidence, "take_doubt", lambda _: True)
     monkeypatch.setattr(WallEvidence, "said", lambda *_: (0.0, 2 * UNMERGE_M))
-    team.hear(0, [], (4.0, 4.0, 0.0), SCAN, room())
+    team.hear(0, [], (4.0, 4.0, 0.0), SCAN, room(), [])
     assert [event.data["reason"] for event in team.events] == ["own scans contradict it"]
     for tick in (0, 1):
         team.align_maps(tick, room())

@@ -49,7 +49,7 @@ def known(tick: int = MET) -> tuple[Team, PeerLog]:
 def hear(team: Team, tick: int, frame: Pose, anew: int | None = None, received: ReceivedMap | None = None) -> Peer:
     """The peer after a beacon in a frame, and its map where that came."""
     news = News("p", MET, beacon=Beacon(tick, relative(frame, THERE)), map=received, anew=anew)
-    team.hear(tick, [news], HERE, SCAN, OWN)
+    team.hear(tick, [news], HERE, SCAN, OWN, [news.peer])
     team.align_maps(tick, OWN)
     return team.peers["p"]
 
@@ -117,7 +117,7 @@ def test_at_the_end_a_peer_that_has_told_its_map_and_not_its_place_is_merged_no_
     team, log = known()
     team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), MET, OWN)
     news = News("p", MET, map=of(AFTER, HEARD + 4), anew=HEARD)
-    team.hear(HEARD + 5, [news], HERE, SCAN, OWN)
+    team.hear(HEARD + 5, [news], HERE, SCAN, OWN, [news.peer])
     team.conclude(HEARD + 5, OWN)
     assert isinstance(team.peers["p"], Unaligned)
 

@@ -105,7 +105,7 @@ def test_who_no_longer_knows_the_robots_frame_is_a_stranger_again(later: dict[st
 
     def hear(tick: int = 100, since: int = 1, x: float = 1.0, frame: object = None) -> None:
         news = News("a", since, beacon=Beacon(tick, (x, 0.0, 0.0)), frame=frame)
-        team.hear(tick, [news], (0.0, 0.0, 0.0), SCAN, Wireframe())
+        team.hear(tick, [news], (0.0, 0.0, 0.0), SCAN, Wireframe(), [news.peer])
 
     hear(tick=1, frame=PEER)
     log = team.peers["a"].log
@@ -189,7 +189,7 @@ def test_thirds_are_asked_anew_about_who_was_started_anew() -> None:
     log = met(team).log
     log.pose_tick, log.thirds_on_trial = 0, 3
     news = News("p", 1, beacon=Beacon(1, (1.0, 0.0, 0.0)), map=log.map)
-    team.hear(1, [news], (4.0, 4.0, 0.0), SCAN, room())
+    team.hear(1, [news], (4.0, 4.0, 0.0), SCAN, room(), [news.peer])
     team.align_maps(1, room())
     assert [event.data["reason"] for event in team.events] == ["told by thirds"]
 
@@ -214,14 +214,14 @@ def test_a_link_with_who_was_started_anew_is_on_trial_again_no_sooner_than_its_p
     """The trial drives to where the contact began: the robot's process ended with an AssertionError."""
     team = team_of({"a": WRONG})
     team.peers["p"] = merged("p", PEER)
-    team.hear(1, [News("p", 0, anew=1)], (4.0, 4.0, 0.0), SCAN, room())
+    team.hear(1, [News("p", 0, anew=1)], (4.0, 4.0, 0.0), SCAN, room(), ["p"])
     look = round(CIRCLES_S * SPEC.lidar.rate_hz)
     team.judge(look, room(), (0.0, 0.0, 0.0))
-    team.hear(look, [News("p", 0, beacon=Beacon(look, (0.0, 0.0, 0.0)))], (4.0, 4.0, 0.0), SCAN, room())
+    team.hear(look, [News("p", 0, beacon=Beacon(look, (0.0, 0.0, 0.0)))], (4.0, 4.0, 0.0), SCAN, room(), ["p"])
     team.judge(2 * look, room(), (0.0, 0.0, 0.0))
     assert isinstance(team.peers["p"], Merged)
     news = News("p", 0, map=ReceivedMap(moved(room(), pose_of(PEER)), 2 * look))
-    team.hear(2 * look, [news], (4.0, 4.0, 0.0), SCAN, room())
+    team.hear(2 * look, [news], (4.0, 4.0, 0.0), SCAN, room(), [news.peer])
     team.judge(3 * look, room(), (0.0, 0.0, 0.0))
     assert isinstance(team.peers["p"], Proposed)
 

@@ -205,8 +205,8 @@ def test_where_a_peer_was_is_held_against_the_scan_of_then(late: int, seen: int 
     for tick in range(1, 101):
         if tick != 93:
             beacon = Beacon(tick - late, (1.0, 0.0, 0.0)) if tick == 100 else None
-            discs = np.array([[2.0, 0.01 * tick]])
-            team.hear(tick, [News("r2", 100, beacon)], (tick, 0.0, 0.0), replace(SCAN, discs=discs), Wireframe())
+            scan = replace(SCAN, discs=np.array([[2.0, 0.01 * tick]]))
+            team.hear(tick, [News("r2", 100, beacon)], (tick, 0.0, 0.0), scan, Wireframe(), ["r2"])
     log = team.peers["r2"].log
     assert log.pose_tick == min(100 - late, 100) and log.first_encounter is not None
     kept = [(one.here[0], one.discs.tolist()) for one in log.sightings]

@@ -114,7 +114,7 @@ def heard_by(
         beacon = Beacon(tick, beacons[tick]) if tick in beacons else None
         since = max(one for one in begun or [tick] if one <= tick)
         news = News("r2", since, beacon=beacon, map=ReceivedMap(own, tick) if tick in maps else None)
-        team.hear(tick, [news], (1.5, 3.5, 0.0), SCAN, own)
+        team.hear(tick, [news], (1.5, 3.5, 0.0), SCAN, own, [news.peer])
         team.align_maps(tick, own)
         said += [(tick, str(event.data["reason"])) for event in team.events]
     return said
