@@ -14,7 +14,8 @@ def draw_division(rows: Sequence[Row], figure: "Figure") -> None:
     axes, robots = figure.subplots(), [row["robots"] for row in rows]
     for key, label in (("divided", "with division"), ("undivided", "without")):
         axes.plot(robots, [row[key] for row in rows], "o-", label=label)
-    axes.axhline(rows[0]["alone"], color="0.5", ls="--", label="one robot")
+    if (alone := rows[0]["alone"]) is not None:
+        axes.axhline(alone, color="0.5", ls="--", label="one robot")
     axes.set(xlabel="robots", ylabel="s until 99 % by the team", xticks=robots, ylim=(0, None))
     axes.legend()
 

@@ -1,6 +1,7 @@
 """What sharing and division are worth, of runs that did not all reach 99 %."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 from deploy.bench.alignment import live
@@ -44,6 +45,11 @@ def test_division_is_judged_by_the_seeds_that_failed_too() -> None:
     assert division([100.0] * 10, [None] * 6 + [500.0] * 4).rows[0]["ratio"] == 0.0
     neither = division([100.0] * 9 + [None], [500.0] * 9 + [None])
     assert neither.met is None and neither.rows[0]["seeds"] == 9
+
+
+def test_division_is_drawn_where_no_robot_alone_reached_it(tmp_path: Path) -> None:
+    division([100.0] * 10, [None] * 10).draw(drawn := tmp_path / "division.png")
+    assert drawn.stat().st_size
 
 
 def test_sharing_is_not_blamed_for_runs_that_fail_without_it() -> None:
