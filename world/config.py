@@ -91,7 +91,7 @@ class ServerConfig(Config):
     begin_with: Annotated[int, Field(ge=1)] | None = None
     """Robots that must be ready for the run to begin; null for all. The others may join later, and stand until then."""
     join_timeout_s: Positive = 60.0
-    """Seconds until all robots must be ready. One that was let in may still compile its kernels, for `silence_s`."""
+    """Seconds until all robots must be ready. One that was let in may still compile its kernels, `silence_s` more."""
     silence_s: Positive = 300.0
     """Seconds without a word after which a robot counts as dead, if nobody knows of the end of its process. A step
     takes some ms, but the first ones compile kernels where installation did not (a minute, measured with three robots

@@ -41,29 +41,37 @@ class Gathering:
     def wait(self, endpoint: str) -> None:
         """Wait until as many are ready as the run begins with; LinkError names those missing after join_timeout_s.
 
-        Robots that were let in by then and have their link may still compile their kernels, for silence_s at most.
+        Robots that were let in by then and have their link may still compile their kernels, for silence_s more,
+        as one that came in the last moment has to.
         In a run that goes on, those that were there come back by themselves, and are waited for as if they were away.
         Where it had ended, all that is left is to tell them so: they are waited for here, for join_timeout_s at most.
         """
-        begin, there = time.monotonic(), self._participants
-        deadline = begin + self._config.join_timeout_s
+        there = self._participants
+        deadline = time.monotonic() + self._config.join_timeout_s
+        last = deadline + self._config.silence_s
         while self._episode.ended and self._presence.still_away and self._take(deadline):
             pass
         while not self._presence.here and len(there.ready) < self._first:
             if self._take_and_tell(deadline):
                 continue
-            coming = len(there.ready) + len(there.preparing)
-            if coming < self._first or time.monotonic() - begin >= self._config.silence_s:
+            if not self._enough_come or time.monotonic() >= last:
                 raise LinkError(self._absence(endpoint))
             deadline = time.monotonic() + SAY_AGAIN_S
+
+    @property
+    def _enough_come(self) -> bool:
+        """Whether the run could begin once those that prepare are ready."""
+        there = self._participants
+        return len(there.ready) + len(there.preparing) >= self._first
 
     def _absence(self, endpoint: str) -> str:
         """Who did not come, and what to do."""
         preparing = self._participants.preparing
-        absent = [robot for robot in self._participants.missing if robot not in preparing]
-        if not absent:
-            late = f"did not become ready within {self._config.silence_s:g} s, though let in"
+        if self._enough_come:
+            waited_s = self._config.join_timeout_s + self._config.silence_s
+            late = f"did not become ready within {waited_s:g} s, though let in"
             return f"{', '.join(preparing)} {late}: look at the last words of each"
+        absent = [robot for robot in self._participants.missing if robot not in preparing]
         where = endpoint.replace("/0.0.0.0:", "/HOST:").replace("/[::]:", "/HOST:")
         command = f"wireswarm agent --id {absent[0]} --connect {where}"
         certs = " --certs DIR" if where.startswith("tls/") else ""

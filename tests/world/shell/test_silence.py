@@ -146,18 +146,30 @@ def test_in_real_time_the_last_word_on_a_robot_that_is_away_is_that_it_left(
 
 
 @pytest.mark.parametrize(
-    ("there", "words"),
+    ("there", "begin_with", "words"),
     [
-        ([*asks(0.0, "r1", "01"), *asks(0.0, "r2", "02")], "r1, r2 did not become ready within 300 s, though let in"),
-        (asks(0.0, "r1", "01"), "r2 did not join within 60 s: start each by `wireswarm agent --id r2 "),
+        (
+            [*asks(0.0, "r1", "01"), *asks(0.0, "r2", "02")],
+            2,
+            "r1, r2 did not become ready within 360 s, though let in",
+        ),
+        (asks(0.0, "r1", "01"), 2, "r2 did not join within 60 s: start each by `wireswarm agent --id r2 "),
+        (asks(0.0, "r1", "01"), 1, "r1 did not become ready within 360 s, though let in"),
     ],
-    ids=["all compile", "one compiles"],
+    ids=["all compile", "one compiles", "it would be enough"],
 )
 def test_who_was_let_in_and_compiles_for_long_is_not_asked_to_join(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: list[Timed], words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: list[Timed], begin_with: int, words: str
 ) -> None:
     with pytest.raises(LinkError, match=f"^{words}"):
-        run(tmp_path, monkeypatch, 1, [], there=there)
+        run(tmp_path, monkeypatch, 1, [], there=there, begin_with=begin_with)
+
+
+def test_who_is_let_in_at_the_last_moment_may_still_compile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It had what was left of silence_s, which began with the world's."""
+    there = [*joins(0.0, "r1", "01"), *asks(598.0, "r2", "02"), (700.0, Arrival(WorldInbox.ALIVE, "r2"))]
+    arrivals = [*acts(700.1, "r1"), *acts(700.1, "r2")]
+    assert run(tmp_path, monkeypatch, 1, arrivals, there=there, join_timeout_s=600.0) == []
 
 
 def test_who_joins_late_and_is_replaced_in_the_same_tick_has_joined(
