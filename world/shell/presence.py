@@ -145,7 +145,7 @@ class Presence:
         event = self._newcomers.pop(robot, None)
         if event is None:
             return
-        replaced = self._arrive(robot)  # one that joined has arrived
+        replaced = self._arrive(robot) and event == "rejoined"  # who joined took nobody's place, though it was replaced
         if event == "rejoined" and self._lockstep:
             self._episode.came_back(robot)
         else:

@@ -179,4 +179,4 @@ def test_who_joins_late_and_is_replaced_in_the_same_tick_has_joined(
     r2 = [*joins(0.1, "r2", "02"), *goes(0.2, "r2"), *joins(0.3, "r2", "03"), *acts(0.4, "r2")]
     arrivals = [*r2, *acts(0.5, "r1")]
     told = run(tmp_path, monkeypatch, 1, arrivals, there=joins(0.0, "r1", "01"), begin_with=1)
-    assert [(robot, event) for robot, event, _ in told] == [("r2", "joined")]
+    assert told == [("r2", "joined", "its process is ready")]
