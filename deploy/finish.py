@@ -31,7 +31,7 @@ def finish(run: Path) -> bool:
     Raises NoRunError and CheckpointError where the directory does not tell enough, OSError where it cannot be written.
     """
     left = (run / CHECKPOINT_FILE).exists()
-    if not left and manifest.ended(run):
+    if not left and manifest.ended(run) and not manifest.is_of_logs(run):
         return False
     config = left_by(run)
     episode = Episode.resume(config, run) if left else None

@@ -14,11 +14,12 @@ from typer.main import get_command
 from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import cli, inprocess, manifest
-from deploy.bandwidth.books import read_books
+from deploy.bandwidth.books import NoRunError, read_books
 from deploy.commands import results
 from deploy.commands.world import _resumed
 from deploy.finish import finish
 from protocol.errors import LinkError
+from protocol.settings import Config
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
 from world.worldfile import load
@@ -198,6 +199,13 @@ def test_of_a_run_that_ended_before_it_began_nothing_is_left_to_finish(tmp_path:
     manifest.begin(tmp_path, manifest.begun(config, load(config.world)))
     manifest.finish(tmp_path, ended="interrupted")
     assert not finish(tmp_path)
+
+
+def test_mapped_logs_are_no_run_to_finish(tmp_path: Path) -> None:
+    manifest.begin(tmp_path, manifest.of_logs(Config(), ["maze.log"]))
+    manifest.finish(tmp_path, ended="complete")
+    with pytest.raises(NoRunError, match="recorded logs"):
+        finish(tmp_path)
 
 
 def test_what_a_killed_world_left_is_finished_once(
