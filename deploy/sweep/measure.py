@@ -16,6 +16,7 @@ from deploy.config import RunConfig
 from deploy.metrics import score, truth_of
 from deploy.sweep.plan import Job, minds_hash
 from deploy.sweep.work import OtherSourcesError, Row, WorkerTask
+from protocol.errors import InputError
 from protocol.geometry import Pose, pose_of
 from protocol.temporary import temporary_folder
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
@@ -34,7 +35,12 @@ def task_of(job: Job) -> WorkerTask:
 
 def measure(job: Job) -> Row:
     """Run a job in this process; its figures. Raises OtherSourcesError where it has other minds than the job's."""
-    if minds_hash(minds := job.config["mind"], loaded=True) != job.hashes["mind.hash"]:
+    minds = job.config["mind"]
+    try:
+        found = minds_hash(minds, loaded=True)
+    except InputError as error:
+        raise OtherSourcesError(f"{socket.gethostname()} lacks what the sweep runs: {error}") from None
+    if found != job.hashes["mind.hash"]:
         raise OtherSourcesError(
             f"{socket.gethostname()} has another version of {', '.join(sorted(set(minds.values())))}, or has loaded it "
             "before it was changed: bring the same file there, and start workers and sweep again"

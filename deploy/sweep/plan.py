@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence, Set
 from functools import cache
 from itertools import product
@@ -171,14 +172,19 @@ def _draw(rng: np.random.Generator, key: str, choices: Range | list[Any]) -> Any
 def minds_hash(minds: Mapping[str, str], loaded: bool = False) -> str:
     """Of the files in which the minds of your own are written, as in the column `mind.hash`. Raises InputError.
 
-    loaded: as they were when this process first asked for them, which it does as it loads them; else as they are now.
+    loaded: as they were when this process loaded them, where it did for a mind; else as they are now.
     """
     return _hash(_source_hashes(minds, loaded))
 
 
 def _source_hashes(minds: Mapping[str, str], loaded: bool = False) -> dict[str, str]:
     """Of the file of each robot's mind; empty where it has none."""
-    of, files = _hash_when_loaded if loaded else _file_hash, {robot: source_of(name) for robot, name in minds.items()}
+    before = set(sys.modules)
+    files = {robot: source_of(name) for robot, name in minds.items()}
+    for name in sys.modules.keys() - before:  # another mind may be in a module that is loaded with these
+        if (file := getattr(sys.modules[name], "__file__", None) or "").endswith(".py"):
+            _hash_when_loaded(Path(file))
+    of = _hash_when_loaded if loaded else _file_hash
     return {robot: "" if file is None else of(file) for robot, file in files.items()}
 
 

@@ -276,22 +276,54 @@ def test_a_worker_with_other_sources_refuses() -> None:
         work(task_of(Job("key", {}, {})), "0123")
 
 
+STANDS = """from agent.shell.mind import OwnMind
+
+class {}(OwnMind):
+    def drive(self, observation, heard):
+        return 0.0, 0.0
+"""
+OF_MIND = 'worlds: [tiny.yaml]\nsettings: {{until: 0.4, mind: {{"*": "{}"}}}}'
+
+
 def test_a_worker_that_loaded_a_mind_before_it_was_changed_refuses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It ran the old one, and its result was kept as the new one's."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    (mind := tmp_path / "loaded_mind.py").write_text(
-        "from agent.shell.mind import OwnMind\n\nclass Loaded(OwnMind):\n"
-        "    def drive(self, observation, heard):\n        return 0.0, 0.0\n"
-    )
-    plan = write_sweep(tmp_path, 'worlds: [tiny.yaml]\nsettings: {until: 0.4, mind: {"*": "loaded_mind:Loaded"}}')
+    (mind := tmp_path / "loaded_mind.py").write_text(STANDS.format("Loaded"))
+    plan = write_sweep(tmp_path, OF_MIND.format("loaded_mind:Loaded"))
     (before,) = read_jobs(plan)
     assert work(task_of(before), sources())["status"] == OK
     mind.write_text(mind.read_text() + "    speed = 1\n")
     (after,) = read_jobs(plan)
     with pytest.raises(OtherSourcesError, match="another version of loaded_mind:Loaded"):
         work(task_of(after), sources())
+
+
+def test_a_worker_that_loaded_a_mind_with_another_one_before_it_was_changed_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first question for it came after the change, and its hash was that of the new file."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (base := tmp_path / "base_mind.py").write_text(STANDS.format("Base"))
+    (tmp_path / "derived_mind.py").write_text("from base_mind import Base\n\nclass Derived(Base): ...\n")
+    (derived,) = read_jobs(write_sweep(tmp_path, OF_MIND.format("derived_mind:Derived")))
+    assert work(task_of(derived), sources())["status"] == OK
+    base.write_text(base.read_text() + "    speed = 1\n")
+    (after,) = read_jobs(write_sweep(tmp_path, OF_MIND.format("base_mind:Base")))
+    with pytest.raises(OtherSourcesError, match="another version of base_mind:Base"):
+        work(task_of(after), sources())
+
+
+def test_a_worker_that_lacks_a_mind_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each run was kept as failed."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (mind := tmp_path / "lacking_mind.py").write_text(STANDS.format("Lacking"))
+    (job,) = read_jobs(write_sweep(tmp_path, OF_MIND.format("lacking_mind:Lacking")))
+    mind.unlink()
+    monkeypatch.delitem(sys.modules, "lacking_mind")
+    with pytest.raises(OtherSourcesError, match="--mind lacking_mind:Lacking: No module named"):
+        work(task_of(job), sources())
 
 
 class Shared:
