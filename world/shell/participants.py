@@ -65,7 +65,9 @@ class Participants:
 
         linked: the Zenoh IDs that have a link; None where all links end at a router between, and tokens tell. known:
         the Zenoh ID that a robot must have, None for one that has no place; None where nobody shows who it is. goes_on:
-        another world has begun the run, and may have let in robots of which its log does not tell.
+        another world has begun the run, and may have let in robots of which its log does not tell. Their tokens cannot
+        be told from those of another run, so any token of such a robot counts: one of another run goes with its link,
+        and until then the robot is waited for as one whose link was lost.
         """
         self._robots, self._dead, self._known, self._goes_on = list(robots), dead, known, goes_on
         self._by_token, self._linked = linked is None, linked or self._with_tokens
