@@ -38,6 +38,10 @@ def sweep(
 
     Raises ConfigError, WorldFileError, InputError, LinkError and OSError.
     """
+    if certs and not scheduler:
+        raise InputError(f"--certs {certs}: they are for a cluster, so name its --scheduler, too")
+    if workers and scheduler:
+        raise InputError(f"--workers {workers}: a cluster has its own, so leave out this or --scheduler")
     jobs = read_jobs(file)
     _say_doubts(jobs)
     tasks = [task_of(job) for job in jobs]
@@ -61,10 +65,6 @@ def fill(
     quiet: bool = False,
 ) -> None:
     """Do those tasks of which the store has no result. Raises InputError, LinkError and OSError."""
-    if certs and not scheduler:
-        raise InputError(f"--certs {certs}: they are for a cluster, so name its --scheduler, too")
-    if workers and scheduler:
-        raise InputError(f"--workers {workers}: a cluster has its own, so leave out this or --scheduler")
     if not _left(store, tasks, retry_failed):
         return  # a store that is full may be read by many at a time
     with store.alone():

@@ -378,10 +378,9 @@ def test_a_scheduler_that_anybody_could_reach_is_refused(tmp_path: Path, address
     ],
 )
 def test_options_that_can_do_nothing_are_refused(tmp_path: Path, options: dict[str, Any], sentence: str) -> None:
-    store = Store(tmp_path, "")
-    store.keep(RESULT)
     with pytest.raises(InputError, match=sentence):
-        fill(store, [WorkerTask("a", {}, os.getpid, ())], quiet=True, **options)
+        sweep(write_sweep(tmp_path), out := tmp_path / "out", quiet=True, **options)
+    assert not out.exists()
 
 
 def test_a_file_that_is_no_result_is_named(tmp_path: Path) -> None:
