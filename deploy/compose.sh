@@ -20,5 +20,6 @@ end() {
 trap end EXIT
 trap 'exit 130' INT    # dash, killed by a signal, would not come to the trap of EXIT
 trap 'exit 143' TERM
+trap 'exit 129' HUP
 $compose up --build   # not --exit-code-from: it would stop the world when the first robot leaves
 exit "$(docker inspect --format '{{.State.ExitCode}}' "$($compose ps --quiet --all world)")"

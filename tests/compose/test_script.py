@@ -22,7 +22,7 @@ esac
 """Without compose v2. Who calls it gets a signal while it runs, as by Ctrl-C, if that is asked for."""
 
 
-@pytest.mark.parametrize(("signal", "status"), [("", 3), ("INT", 130), ("TERM", 143)])
+@pytest.mark.parametrize(("signal", "status"), [("", 3), ("INT", 130), ("TERM", 143), ("HUP", 129)])
 def test_what_other_runs_left_in_volumes_stays(signal: str, status: int, tmp_path: Path) -> None:
     """`down --volumes` of docker-compose 1.29 removed the results of sweeps, too. dash cleaned nothing up on Ctrl-C."""
     for name in ("docker", "docker-compose"):
