@@ -52,7 +52,10 @@ def comparison(before: Mapping[str, Any], now: Mapping[str, Any]) -> Table:
 
 
 def _values(section: Mapping[str, Any]) -> dict[tuple[str, int, str], Any]:
-    """Values of a table by what the row is about, which of those that are alike in it, and column."""
+    """Values of a table by what the row is about, which of those that are alike in it, and column.
+
+    Where a row is missing, later ones with its label move up, and are compared with others.
+    """
     values: dict[tuple[str, int, str], Any] = {}
     seen = Counter[str]()
     for row in section["rows"]:

@@ -91,7 +91,9 @@ class Shell:
     def run(self) -> None:
         """Tick by tick, as fast as the robots answer or by the clock, until the episode ends.
 
-        The order of these steps is that of the events in the log, so a change of it is one of the run's bytes.
+        A tick: 1 hand out what robots get, 2 show and book it, 3 expel and tell, 4 wait for answers, 5 count who was
+        silent, then who was late, 6 forget who came, went and asked, 7 log newcomers, 8 take the answers and advance.
+        This order is that of the events in the log, so a change of it is one of the run's bytes.
         """
         episode, presence, voice, pace = self._episode, self._presence, self._voice, self._pace()
         voice.tell()
