@@ -159,16 +159,16 @@ def _root(bag: _Bag, given: Given) -> str:
         return next((frame for frame in moving if FIXED_FRAME in frame.rsplit("/")[-1]), moving[-1])
     root, robot = (frame.lstrip("/") for frame in bag.wheels)
     is_told = robot in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar)))
+    part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
     if given.mount is not None:
         x, y, yaw = given.mount
         bag.lidar_frame = MOUNTED
         turn = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
         with suppress(InputError):  # tf of a lidar that is not level, in place of which the mount is told
-            if is_told and frames.placed(lidar, robot, np.zeros(1)).upside_down:
+            if frames.placed(lidar, robot if is_told else part, np.zeros(1)).upside_down:
                 turn = turn[3], turn[2], 0.0, 0.0  # after half a turn about its x axis
         frames.hang(MOUNTED, robot, (x, y, 0.0, *turn))
     elif not is_told:
-        part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
         frames.hang(part, robot)
         bag.notes.append(f"nothing tells where {part} is on {robot}: taken as the same (--mount tells it)")
     return root

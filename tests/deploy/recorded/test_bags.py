@@ -136,6 +136,18 @@ def test_a_lidar_upside_down_looks_the_other_way_round(
         assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), place), abs=1e-4)
 
 
+@pytest.mark.parametrize("mount", [None, (0.0, 0.0, 0.0)], ids=["by tf", "told"])
+def test_a_lidar_upside_down_on_a_part_that_nothing_puts_on_the_robot_looks_so_too(
+    tmp_path: Path, mount: Pose | None
+) -> None:
+    """With --mount, as the note asks for, its map was mirrored."""
+    hanging = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), "/tf_static")
+    said = [
+        ROS2.odometry(one.t, pose_at(one.t), "base_footprint") if one.kind == ODOMETRY else one for one in drive(ROS2)
+    ]
+    assert read(write_bag(tmp_path, "mcap", [hanging, *said]), Given(mount=mount)).lidar.clockwise
+
+
 def test_a_lidar_on_its_side_is_refused(tmp_path: Path) -> None:
     side = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (0.5, 0.5, 0.5, 0.5), "/tf_static")
     bag = write_bag(tmp_path, "mcap", [side, *drive(ROS2)])
