@@ -127,8 +127,7 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int, timing: Timing) -> None:
-    entry = BagScan.told(bag.scans - 1, told, stamp_of(told, 1e-9 * time_ns), 1e-9 * time_ns)
-    entry = entry._replace(scan=timing.mended(entry.scan))
+    entry = BagScan.told(bag.scans - 1, told, 1e-9 * time_ns, timing)
     if not entry.scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, Self, TypeVar
 
 from agent.shell.ros2.laser_scan import OTHER_VIEW, LaserScan
+from agent.shell.ros2.timing import Timing
 
 T = TypeVar("T")
 
@@ -23,11 +24,11 @@ class BagScan(NamedTuple):
     scan: LaserScan
 
     @classmethod
-    def told(cls, number: int, message: Any, stamp_s: float, arrived_s: float) -> Self:
-        """Of a message with this number and stamp."""
+    def told(cls, number: int, message: Any, arrived_s: float, timing: Timing) -> Self:
+        """Of a message with this number, and what the user says of its times."""
         limits = [0.0 if math.isnan(limit) else limit for limit in (message.range_min, message.range_max)]
         frame = message.header.frame_id.lstrip("/")
-        return cls(number, frame, (limits[0], limits[1]), arrived_s, LaserScan.told(message, stamp_s))
+        return cls(number, frame, (limits[0], limits[1]), arrived_s, timing.taken(message, arrived_s))
 
 
 def of_most(entries: Sequence[BagScan], skipped: Counter[str]) -> list[BagScan]:

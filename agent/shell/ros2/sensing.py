@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.shell.ros2.laser_scan import APART_S, SET_ANEW, Bearings, LaserScan, stamp_of
+from agent.shell.ros2.laser_scan import APART_S, SET_ANEW, Bearings, LaserScan
 from agent.shell.ros2.ticks import Ticks, nominal_hz
 from agent.shell.ros2.timing import AS_TOLD, Timing, TimingWatch
 from agent.shell.ros2.wheelpath import Wheelpath
@@ -97,7 +97,7 @@ class Sensing:
 
     def take_scan(self, told: Any) -> None:
         """Take a LaserScan message."""
-        scan = self._timing.mended(LaserScan.told(told, stamp_of(told, self._wall())))
+        scan = self._timing.taken(told, self._wall())
         if not scan.makes_sense:
             return self.skip("scans of no possible lidar")
         ticks = self._ticks = self._ticks or self._accept_lidar(scan, told)

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from agent.shell.ros2.laser_scan import ALL_ROUND_DEG, Bearings, LaserScan
+from agent.shell.ros2.laser_scan import ALL_ROUND_DEG, Bearings, LaserScan, stamp_of
 
 IN_A_ROW = 10  # scans that show one thing before it is said: one that came late, or after a pause, shows nothing
 TOO_LATE = 0.5  # revolutions by which a scan ends after it came
@@ -21,6 +21,12 @@ class Timing(NamedTuple):
 
     revolution_s: float | None = None  # negative where the first reading was taken last; None: as the scan tells
     at_end: bool = False  # whether the stamp is that of the reading that was taken last
+
+    def taken(self, message: Any, arrived_s: float) -> LaserScan:
+        """A LaserScan message as its lidar took it. One without a stamp arrives, in seconds, once it is over."""
+        stamp_s = stamp_of(message, 0.0)
+        timing = self if stamp_s else self._replace(at_end=True)
+        return timing.mended(LaserScan.told(message, stamp_s or arrived_s))
 
     def mended(self, scan: LaserScan) -> LaserScan:
         """A scan as its lidar took it, its readings in the order of their moments."""

@@ -156,13 +156,17 @@ def test_a_lidar_on_its_side_is_refused(tmp_path: Path) -> None:
     assert len(read(bag, Given(mount=(0.0, 0.0, 0.0))).scans) == 10
 
 
-def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("more", "end_s"), [({}, 102.1), ({"stamp": 0.0}, 102.0)], ids=["stamped", "unstamped"])
+def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path, more: dict[str, float], end_s: float) -> None:
+    """A scan without a stamp comes when it is over."""
     said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
-    said += [ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.1 / 180) for k in range(11)]  # half a turn in 0.1 s
+    said += [
+        ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.1 / 180, **more) for k in range(11)
+    ]  # half a turn in 0.1 s
     log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
     assert log.lidar.turning
     last = log.scans[-1]
-    assert last.time_s == pytest.approx(102.1, abs=1e-3) and last.way is not None
+    assert last.time_s == pytest.approx(end_s, abs=1e-3) and last.way is not None
     assert last.way[-1] == pytest.approx(last.odometry)
     assert last.way[0] == pytest.approx(pose_at(last.time_s - 0.2), abs=1e-3)
 

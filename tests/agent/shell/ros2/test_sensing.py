@@ -9,7 +9,7 @@ import pytest
 from agent.shell.ros2.laser_scan import SET_ANEW
 from agent.shell.ros2.sensing import ALIKE, SensedScan, Sensing
 from agent.shell.ros2.ticks import EPOCH_S
-from protocol.geometry import Pose
+from protocol.geometry import Pose, relative
 from protocol.messages import MAX_TICK, LidarSpec, RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, LIDAR, odometry, scan, tilted
 
@@ -163,18 +163,21 @@ def test_odometry_that_is_later_than_the_next_scan_starves_no_robot(late: int) -
 
 @pytest.mark.parametrize("unstamped", [(odometry,), (scan,), (odometry, scan)])
 def test_messages_without_a_stamp_are_of_when_they_came(unstamped: tuple[Any, ...]) -> None:
-    """As of micro-ROS without synchronised time: the robot stood for ever, for wrong reasons."""
+    """As of micro-ROS without synchronised time: the robot stood for ever, for wrong reasons. Scans come when over."""
     now = BEGIN_S
     sensing, used = Sensing(ROBOT, False, lambda: now, lambda: now), 0
     for k in range(100):
-        now = BEGIN_S + 0.01 * k
+        now, told = BEGIN_S + 0.01 * k, {odometry: pose_at(0.01 * k), scan: 1 + 0.01 * k}  # ranges tell when it came
         for make, take, every in ((odometry, sensing.wheels.take, 2), (scan, sensing.take_scan, 5)):
             if k % every == 0:
-                message = make(now)
+                message = make(now, told[make])
                 if make in unstamped:
                     message.header.stamp.sec = message.header.stamp.nanosec = 0
                 take(message)
-        used += sensing.due() is not None
+        if (seen := sensing.due()) is not None:
+            used += 1
+            came = pose_at(seen.observation.scan()[0] - 1)
+            assert relative(came, seen.odometry) == pytest.approx((0, 0, 0), abs=1e-4)
     assert used >= 16 and "odometry whose time jumps back" not in sensing.skipped
 
 
