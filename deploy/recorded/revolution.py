@@ -90,10 +90,11 @@ def _shown(log: LidarLog, given_s: float | None, from_stamp: bool) -> Revolution
     """
     period_s = _period_s(log.scans)
     seconds = given_s if given_s is not None else period_s or 0.0
-    usual = ONE_MOMENT if given_s is None else Revolution(seconds, seconds if from_stamp else 0.0)
+    looks_s = seconds * (log.lidar.field_of_view_deg / 360)  # from its first beam on: it need not look all round
+    usual = ONE_MOMENT if given_s is None else Revolution(seconds, looks_s if from_stamp else 0.0)
     if log.lidar.field_of_view_deg < ALL_ROUND_DEG or period_s is None or seconds <= 0:
         return usual
-    tried = [Revolution(seconds, after_s, backwards) for backwards in (False, True) for after_s in (0.0, seconds)]
+    tried = [Revolution(seconds, after_s, backwards) for backwards in (False, True) for after_s in (0.0, looks_s)]
     ways = _ways(log.scans, tried[0])
     turns, between = ways[:, -1, 2] - ways[:, 0, 2], max(1, round(APART_S / period_s))
     tells = np.abs(turns[between:] - turns[:-between]) > TELLING_RAD

@@ -126,7 +126,7 @@ def test_who_looks_ahead_or_stands_tells_nothing() -> None:
         assert not log.lidar.turning and not log.notes
 
 
-@pytest.mark.parametrize(("from_stamp", "first"), [(False, 0.5), (True, 1.0)])
+@pytest.mark.parametrize(("from_stamp", "first"), [(False, 0.5), (True, 0.75)])
 def test_where_scans_do_not_show_it_stamps_are_taken_as_they_should_be(from_stamp: bool, first: float) -> None:
     lidar = LidarSpec(beams=8, field_of_view_deg=180.0, first_beam_deg=-90.0, turning=False)
     log = LidarLog(lidar, "three")
