@@ -24,6 +24,7 @@ MOST_WAITING = 16  # scans that wait so: those of a lidar of 100 Hz
 KNOTS = 5  # poses of odometry for each scan: every 40 ms of a revolution of 0.2 s
 ALIKE = 3  # scans that tell one lidar before it is believed: drivers begin with odd ones, such as half a revolution
 ALIKE_PERIODS = 0.1  # share by which their revolutions differ, at most: not while the motor speeds up
+SAME_CLOCK_S = 5.0  # by which stamps differ from the own clock, at most, where that is theirs: it is none of a replay
 LOOKED_BACK = 10  # scans among which these are: two lidars may share the topic
 
 
@@ -105,7 +106,10 @@ class Sensing:
             return None
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
-        self._watch.look(scan, 1 / self.spec.lidar.rate_hz, max(self.wheels.until_s, self._wall()))
+        now_s = self.wheels.until_s
+        if abs(self._wall() - scan.end_s) <= SAME_CLOCK_S:
+            now_s = max(now_s, self._wall())
+        self._watch.look(scan, 1 / self.spec.lidar.rate_hz, now_s)
         before_s = self._waiting[-1][0].end_s if self._waiting else -math.inf
         if objection := ticks.objection(scan.end_s, before_s):
             self._odd += 1

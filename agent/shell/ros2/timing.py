@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from agent.shell.ros2.laser_scan import ALL_ROUND_DEG, Bearings, LaserScan, stamp_of
 
 IN_A_ROW = 10  # scans that show one thing before it is said: one that came late, or after a pause, shows nothing
-TOO_LATE = 0.5  # revolutions by which a scan ends after it came
+TOO_LATE = 0.5, 1.5  # revolutions by which a scan ends after it came; by more it does where odometry has ceased
 TOO_FAR = 3.0  # revolutions from one scan to the next: of some lidars not each is passed on
 OTHER_PERIOD = 0.15  # share by which a revolution differs from the believed one: more than a motor does
 LATE = "scans that end after they came: if they are stamped at their ends, set ros2.stamp to end"
@@ -60,7 +60,8 @@ class TimingWatch:
         self._end_s = scan.end_s
 
     def _doubts(self, scan: LaserScan, period_s: float, now_s: float) -> Iterator[str]:
-        if scan.end_s - now_s > TOO_LATE * scan.period_s > 0:
+        least_s, most_s = (share * scan.period_s for share in TOO_LATE)
+        if not self._timing.at_end and least_s < scan.end_s - now_s < most_s:
             yield LATE
         if self._timing.revolution_s is not None:
             return

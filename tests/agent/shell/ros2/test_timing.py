@@ -38,10 +38,15 @@ def test_a_lidar_of_one_moment_is_set_to_turn_and_the_other_way_round() -> None:
     assert Timing(0.0).mended(taken(scan(BEGIN_S))).period_s == 0
 
 
-def said_of(late_s: float = 0.0, apart_s: float = TURN_S, timing: Timing = AS_TOLD, **told: Any) -> dict[str, int]:
-    """What is said of scans that come so late after their ends, as told, with odometry of just then."""
+def said_of(
+    late_s: float = 0.0, apart_s: float = TURN_S, timing: Timing = AS_TOLD, ahead_s: float = 0.0, **told: Any
+) -> dict[str, int]:
+    """What is said of scans that come so late after their ends, as told, with odometry of just then.
+
+    ahead_s: by which the own clock is ahead of stamps.
+    """
     now = BEGIN_S
-    sensing = Sensing(RobotSpec(), False, lambda: now, lambda: now, timing)
+    sensing = Sensing(RobotSpec(), False, lambda: now, lambda: now + ahead_s, timing)
     for k in range(5 + 2 * IN_A_ROW):
         now = BEGIN_S + apart_s * k
         sensing.wheels.take(odometry(now - 0.01))
@@ -53,7 +58,10 @@ def said_of(late_s: float = 0.0, apart_s: float = TURN_S, timing: Timing = AS_TO
 def test_what_speaks_against_the_times_of_scans_is_said_once_with_what_to_set() -> None:
     assert not said_of(0.01)
     assert said_of(-TURN_S) == {LATE: 1}
+    assert said_of(-TURN_S, ahead_s=1e9) == {LATE: 1}
+    assert not said_of(0.01, ahead_s=1e9)
     assert not said_of(-TURN_S, timing=Timing(at_end=True))
+    assert not said_of(-2 * TURN_S, timing=Timing(at_end=True))
     assert said_of(time_increment=0.0) == {ONE_MOMENT: 1}
     assert not said_of(time_increment=0.0, angle_increment=math.radians(0.5))
     assert not said_of(time_increment=0.0, timing=Timing(0.0))
