@@ -242,6 +242,8 @@ class Ros2Shell:
     def _hindrance(self, now: float) -> str:
         """Why the robot must stand; empty where it may drive."""
         dead_man_s = self._ros2.dead_man_s
+        if self._sensing.is_unsure:
+            return f"scans on {self._ros2.scan_topic} do not agree on a lidar yet"
         if not self._sensing.knows_lidar:
             return f"no scan has come on {self._ros2.scan_topic} yet"
         if math.isinf(self._sensing.wheels.until_s):

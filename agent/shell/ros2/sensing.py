@@ -80,6 +80,11 @@ class Sensing:
         """Whether scans have told of the lidar."""
         return self._ticks is not None
 
+    @property
+    def is_unsure(self) -> bool:
+        """Whether scans have come that do not agree on a lidar yet."""
+        return bool(self._first) and not self.knows_lidar
+
     def skip(self, reason: str) -> None:
         """Count what cannot be used."""
         if reason not in self.skipped:
@@ -134,11 +139,8 @@ class Sensing:
         frame, bearings, period_s = told.header.frame_id, scan.bearings, scan.period_s or told.scan_time
         period_s = period_s if 0.01 <= period_s <= 100 else 0.0  # NaN is not
         self._first.append((frame, bearings, period_s))
-        alike = [
-            other_s
-            for other_frame, other, other_s in self._first
-            if other_frame == frame and bearings.are_like(other) and abs(other_s - period_s) <= ALIKE_PERIODS * period_s
-        ]
+        own = [other_s for at, other, other_s in self._first if at == frame and bearings.are_like(other)]
+        alike = [other_s for other_s in own if abs(other_s - period_s) <= ALIKE_PERIODS * period_s]
         if len(alike) < ALIKE:
             return None
         known = self.spec.lidar.model_dump()
@@ -151,8 +153,10 @@ class Sensing:
         except ValueError:
             self.skip("scans of no possible lidar")
             return None
-        for _ in range(len(self._first) - len(alike)):
+        for _ in range(len(self._first) - len(own)):
             self.skip("scans of another lidar")
+        for _ in range(len(own) - len(alike)):
+            self.skip("scans from before the lidar turned evenly")
         self.spec = self.spec.model_copy(update={"lidar": lidar})
         self._bearings, self._lidar_frame = bearings, frame
         return Ticks(lidar.rate_hz, scan.begin_s, self.skip)

@@ -96,10 +96,10 @@ def test_a_lidar_whose_motor_speeds_up_is_believed_once_it_turns_evenly() -> Non
     """The rate of the third scan held for the whole run, and of each five scans three were used."""
     sensing, t = Sensing(ROBOT, False), BEGIN_S
     for turns_hz in (8.0, 12.0, 16.0, 20.3, 19.8, 20.1):
-        assert not sensing.knows_lidar
+        assert not sensing.knows_lidar and sensing.is_unsure == (t > BEGIN_S)
         t += 1 / turns_hz
         sensing.take_scan(scan(t, lidar=LIDAR.model_copy(update={"rate_hz": turns_hz})))
-    assert sensing.spec.lidar.rate_hz == 20 and sensing.skipped == {"scans of another lidar": 3}
+    assert sensing.spec.lidar.rate_hz == 20 and sensing.skipped == {"scans from before the lidar turned evenly": 3}
 
 
 def test_of_two_lidars_on_one_topic_one_is_known() -> None:
