@@ -28,7 +28,10 @@ MOST_TURN_DEG = 90.0  # of the robot in a scan: a quarter of the room is then se
 
 
 def doubts(spec: RobotSpec) -> list[str]:
-    """Why a complete map is not to be expected of a robot, a sentence each; none where it is."""
+    """Why a complete map is not to be expected of a robot, a sentence each; none where it is.
+
+    What they advise to set has an effect also on a ROS 2 robot, whose scans tell its beams and ranges.
+    """
     lidar, found = spec.lidar, list[str]()
     if lidar.range_min_m >= lidar.range_max_m:
         found.append(f"the lidar measures nothing: range_min_m {lidar.range_min_m:g} is not below range_max_m")
@@ -48,7 +51,7 @@ def doubts(spec: RobotSpec) -> list[str]:
     if reach_m < need_m:
         found.append(
             f"the lidar sees {max(reach_m, 0.0):.2f} m around the robot, which reaches {need_m:.2f} m within "
-            f"{HORIZON_COMMANDS} scans: it drives into walls; raise spec.lidar.range_max_m or lower spec.max_speed_mps"
+            f"{HORIZON_COMMANDS} scans: it drives into walls; lower spec.max_speed_mps or have the lidar see farther"
         )
     if lidar.dropout > MOST_LOST:
         lost = f"the lidar loses {100 * lidar.dropout:.4g} % of its beams"
@@ -59,7 +62,7 @@ def doubts(spec: RobotSpec) -> list[str]:
     off_deg = math.degrees(float(np.abs(wrapped(lidar.bearings())).min()))
     if off_deg > AHEAD_DEG + math.degrees(lidar.beam_step):
         ahead = f"the lidar looks no nearer than {off_deg:.0f} degrees to straight ahead, where the robot drives"
-        found.append(f"{ahead}: turn it by spec.lidar.mount_yaw_deg or first_beam_deg")
+        found.append(f"{ahead}: turn it, and say so by spec.lidar.mount_yaw_deg")
     beams = round(lidar.beams * 360 / lidar.field_of_view_deg)
     if beams < LEAST_BEAMS:
         near_m = 0.1 / (3 * 2 * math.pi / beams)

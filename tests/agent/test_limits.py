@@ -54,3 +54,4 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
 def test_what_cannot_work_is_said(spec: RobotSpec, said: str) -> None:
     (sentence,) = doubts(spec)
     assert said in sentence
+    assert "spec.lidar.range_" not in sentence and "first_beam_deg" not in sentence  # scans of ROS 2 overwrite these
