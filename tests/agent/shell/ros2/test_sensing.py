@@ -167,7 +167,8 @@ def test_messages_without_a_stamp_are_of_when_they_came(unstamped: tuple[Any, ..
     now = BEGIN_S
     sensing, used = Sensing(ROBOT, False, lambda: now, lambda: now), 0
     for k in range(100):
-        now, told = BEGIN_S + 0.01 * k, {odometry: pose_at(0.01 * k), scan: 1 + 0.01 * k}  # ranges tell when it came
+        now = BEGIN_S + 0.01 * k
+        told: dict[Any, Any] = {odometry: pose_at(0.01 * k), scan: 1 + 0.01 * k}  # ranges tell when it came
         for make, take, every in ((odometry, sensing.wheels.take, 2), (scan, sensing.take_scan, 5)):
             if k % every == 0:
                 message = make(now, told[make])
