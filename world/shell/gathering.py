@@ -1,7 +1,7 @@
 """Before the first tick: who is there, who is awaited, and who did not come."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from protocol.errors import LinkError
 from world.config import ServerConfig
@@ -64,6 +64,10 @@ class Gathering:
         there = self._participants
         return len(there.ready) + len(there.preparing) >= self._first
 
+    def _absent(self, preparing: Collection[str]) -> list[str]:
+        """Robots that are missing and do not prepare."""
+        return [robot for robot in self._participants.missing if robot not in preparing]
+
     def _absence(self, endpoint: str) -> str:
         """Who did not come, and what to do."""
         preparing = self._participants.preparing
@@ -71,7 +75,7 @@ class Gathering:
             waited_s = self._config.join_timeout_s + self._config.silence_s
             late = f"did not become ready within {waited_s:g} s, though let in"
             return f"{', '.join(preparing)} {late}: look at the last words of each"
-        absent = [robot for robot in self._participants.missing if robot not in preparing]
+        absent = self._absent(preparing)
         where = endpoint.replace("/0.0.0.0:", "/HOST:").replace("/[::]:", "/HOST:")
         command = f"wireswarm agent --id {absent[0]} --connect {where}"
         certs = " --certs DIR" if where.startswith("tls/") else ""
@@ -91,5 +95,4 @@ class Gathering:
     def _tell(self) -> None:
         self._told, there = time.monotonic(), self._participants
         ready, preparing = self._came = there.ready, there.preparing
-        missing = [robot for robot in there.missing if robot not in preparing]
-        self._on_awaited(Awaited(ready, preparing, missing, self._first - len(ready)))
+        self._on_awaited(Awaited(ready, preparing, self._absent(preparing), self._first - len(ready)))
