@@ -261,8 +261,8 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     """The wall of each piece, -1 where it is on none, or OF_TWO_WALLS: (k,).
 
     dice: (k,) in [0, 1): a piece that several walls would take is given to one of them with the probability that
-    their chi-squares say; a die of exactly BEST takes the best. seen: whether a
-    scan saw the pieces, so that one wall hides another; those of a layer were all seen elsewhere.
+    their chi-squares say; a die of exactly BEST takes the best. seen: whether a scan saw the pieces, so that one wall
+    hides another; those of a layer were all seen elsewhere.
     """
     out = np.full(len(pieces), -1)
     lines, near, chi2 = lines_of(edges, count, 0, gates), np.empty(count, np.int64), np.empty(count)

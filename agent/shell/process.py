@@ -191,8 +191,10 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
         waited_s = min(time.monotonic() - began, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
         if not inbox.world_up:
             left_s -= waited_s
-        elif silent_s < timeout_s <= (silent_s := silent_s + waited_s):
-            print(f"{robot}: {SILENT_WORLD}", file=sys.stderr, flush=True)
+        elif silent_s < timeout_s:
+            silent_s += waited_s
+            if silent_s >= timeout_s:
+                print(f"{robot}: {SILENT_WORLD}", file=sys.stderr, flush=True)
         if left_s <= 0:
             break
     raise LinkError(
