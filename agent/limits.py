@@ -8,6 +8,7 @@ from agent.exploration.config import HORIZON_COMMANDS
 from protocol.geometry import wrapped
 from protocol.messages import RobotSpec
 
+INCOMPLETE = "a complete map is not to be expected"  # with each of `doubts`
 LEAST_VIEW_DEG = 180.0  # with less, a robot does not see the place beside it that it turns into
 AHEAD_DEG = 1.0
 """Degrees from straight ahead that a lidar may leave out there. One that looked at 180 degrees from 30 on touched walls

@@ -69,7 +69,7 @@ def settings_of(context: Context) -> RunConfig:
 
 def say_doubts(spec: RobotSpec) -> None:
     """Tell why a complete map is not to be expected of robots, before they drive."""
-    from agent.limits import doubts
+    from agent.limits import INCOMPLETE, doubts
 
     for doubt in doubts(spec):
-        say(f"a complete map is not to be expected: {doubt}")
+        say(f"{INCOMPLETE}: {doubt}")

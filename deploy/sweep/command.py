@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from agent.limits import doubts
+from agent.limits import INCOMPLETE, doubts
 from deploy.launch import forks
 from deploy.launch.interrupts import on_interrupt
 from deploy.revision import revision
@@ -98,7 +98,7 @@ def _say_doubts(jobs: Sequence[Job]) -> None:
         for doubt in doubts(RobotSpec.model_validate_json(spec)):
             found[doubt] += runs
     for doubt, runs in found.most_common(MOST_DOUBTS):
-        say(f"a complete map is not to be expected of {runs} runs of {len(jobs)}: {doubt}")
+        say(f"{INCOMPLETE} of {runs} runs of {len(jobs)}: {doubt}")
     if len(found) > MOST_DOUBTS:
         say(f"doubts of this kind that are not listed: {len(found) - MOST_DOUBTS}")
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-from agent.limits import doubts
+from agent.limits import INCOMPLETE, doubts
 from agent.shell.mind import MakeMind, Mind
 from agent.shell.process import AgentInbox, answer, own_mind, publishers_of
 from agent.shell.ros2 import showing, wire
@@ -311,7 +311,7 @@ class Ros2Shell:
         if self._mind is None or self._seen_area is None:
             spec, seed = self._sensing.spec, zlib.crc32(self._robot.encode())
             for doubt in doubts(spec):
-                say(f"{self._robot}: a complete map is not to be expected: {doubt}")
+                say(f"{self._robot}: {INCOMPLETE}: {doubt}")
             self._mind = self._make_mind(self._robot, spec, self._settings.agent, seed)
             self._seen_area = showing.SeenArea(spec.lidar)
         if self._hindrance(time.monotonic()):
