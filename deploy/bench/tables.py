@@ -1,6 +1,5 @@
 """Declared tables: which cases make a row, what is made of their figures, and the bars that it must meet."""
 
-import math
 import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +16,7 @@ from rich.text import Text
 
 from deploy.bench.cases import Figures
 from deploy.png import write_figure
-from deploy.sweep.statistics import is_time
+from deploy.sweep.statistics import is_time, time_of, told_of
 from deploy.sweep.statistics import median as median_of
 
 if TYPE_CHECKING:
@@ -50,14 +49,14 @@ mean = _of_all(lambda values: float(statistics.fmean(values)))
 
 def _reached(runs: Runs, key: str) -> list[Any]:
     """The figure of each run; a time that was not reached is infinite."""
-    return [math.inf if (value := run.get(key)) is None and is_time(key) else value for run in runs]
+    return [time_of(run.get(key)) if is_time(key) else run.get(key) for run in runs]
 
 
 def median(runs: Runs, key: str) -> float | None:
     """Of the figures of all runs; None where a run lacks it, and of times that half of the runs did not reach."""
     values = _reached(runs, key)
     found = None if None in values else median_of(values)
-    return found.value if found is not None and math.isfinite(found.value) else None
+    return None if found is None else told_of(found.value)
 
 
 def count(runs: Runs, key: str) -> int:

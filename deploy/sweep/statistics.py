@@ -41,13 +41,23 @@ def is_time(measure: str) -> bool:
     return measure.rpartition(".")[2].startswith("t_")
 
 
+def time_of(told: float | None) -> float:
+    """A time, of which a run that did not reach it tells None: it is infinite then."""
+    return math.inf if told is None else told
+
+
+def told_of(time: float | None) -> float | None:
+    """The other way round, of ratios of times, too."""
+    return None if time is None or math.isinf(time) else time
+
+
 def value_of(row: Row, measure: str) -> float | None:
     """A measure of a run; None where the run failed or has none."""
     if row["status"] != OK or measure not in row:
         return None
     value: Any = row[measure]
-    if value is None and is_time(measure):
-        return math.inf
+    if is_time(measure):
+        value = time_of(value)
     return value if isinstance(value, float) and not math.isnan(value) else None
 
 

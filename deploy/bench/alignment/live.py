@@ -17,7 +17,7 @@ from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
 from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, times, total
 from deploy.bench.tables import median as of_runs
-from deploy.sweep.statistics import wilson
+from deploy.sweep.statistics import time_of, told_of, wilson
 from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
@@ -183,16 +183,6 @@ def _titled(title: str) -> Callable[[Outcomes], str]:
     return lambda figures: next((run["world"] for run in runs_of(figures, "unshared/*")), "maze-15") + title
 
 
-def _time(found: float | None) -> float:
-    """A time that was not reached is infinite."""
-    return math.inf if found is None else found
-
-
-def _told(value: float | None) -> float | None:
-    """The other way round, of a ratio, too."""
-    return None if value is None or math.isinf(value) else value
-
-
 def _over(time: float, other: float) -> float | None:
     """How many times the other one a time is: infinitely many where it was not reached, 0 where the other was not.
 
@@ -204,7 +194,7 @@ def _over(time: float, other: float) -> float | None:
 def _paired(ratios: Sequence[float]) -> Row:
     """Median and middle half of paired ratios."""
     low, high = np.quantile(ratios, (0.25, 0.75), method="nearest").tolist()
-    return {"ratio": _told(median(ratios)), "spread": f"{low:.2f} to {high:.2f}".replace("inf", "∞")}
+    return {"ratio": told_of(median(ratios)), "spread": f"{low:.2f} to {high:.2f}".replace("inf", "∞")}
 
 
 def _sharing(figures: Outcomes) -> list[Row]:
@@ -214,9 +204,9 @@ def _sharing(figures: Outcomes) -> list[Row]:
     for seed in range(PAIRED_SEEDS):
         on, off = _divided(figures, 3, seed), figures.get(f"unshared/{seed}")
         if on is not None and off is not None:
-            ratio = _over(_time(on["t_99"]), _time(off["t_99"]))
+            ratio = _over(time_of(on["t_99"]), time_of(off["t_99"]))
             ratios += [] if ratio is None else [ratio]
-            rows.append({"seed": str(seed), "on": on["t_99"], "off": off["t_99"], "ratio": _told(ratio)})
+            rows.append({"seed": str(seed), "on": on["t_99"], "off": off["t_99"], "ratio": told_of(ratio)})
     whole: Row = {"seed": "median", "judged": len(ratios) == PAIRED_SEEDS}
     return [*rows, {**whole, **_paired(ratios)}] if ratios else rows
 
@@ -232,7 +222,7 @@ def _division(figures: Outcomes) -> list[Row]:
         for seed in range(PAIRED_SEEDS):
             names = [f"undivided/{robots}/{seed}", *(f"alone/{seed}/{start}" for start in range(3))]
             runs = [_divided(figures, robots, seed), *map(figures.get, names)]
-            found = [_time(run["team"]) for run in runs if run is not None]
+            found = [time_of(run["team"]) for run in runs if run is not None]
             if len(found) == len(runs):
                 with_, without, one = found[0], found[1], fmean(found[2:])
                 to_one, to_without = _over(with_, one), _over(with_, without)
@@ -242,9 +232,9 @@ def _division(figures: Outcomes) -> list[Row]:
         if took:
             row: Row = {"robots": robots, "seeds": len(took), "judged": len(took) == PAIRED_SEEDS}
             for which, some in zip(("divided", "undivided", "alone"), zip(*took, strict=True), strict=True):
-                row[which] = _told(median(some))
+                row[which] = told_of(median(some))
             of_one, of_without = zip(*ratios, strict=True)
-            rows.append({**row, **_paired(of_one), "sooner": _told(median(of_without))})
+            rows.append({**row, **_paired(of_one), "sooner": told_of(median(of_without))})
     return rows
 
 
