@@ -233,7 +233,7 @@ class Robot:
             sees_past=lambda places, aside_m: sees_places(places, aside_m, view_of(scan, self.filter.pose, margin_m)),
             strangers=self.team.places.strange_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
-            map_sd_m=self.filter.map_sd_m,
+            exactness=self.filter.exactness,
         )
 
     def _nbytes(self) -> int:

@@ -19,6 +19,7 @@ TaskKind = Literal[
     "vertex",
     "perimeter",
     "home",
+    "look",
     "lap",
     "errand",
     "retreat",

@@ -34,7 +34,7 @@ from agent.state import State, checked
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
-LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
+LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0, "look": 3.0}
 """Seconds near a standing point before a goal counts as unresolved: a map changes its mind after three scans. A face of
 0.1 m becomes a wall after a dozen, so an end has as long as a glimpse from its last standing point while something is
 seen beside it: in drlnav_stage7 the back of a partition was left for good when one scan more would have made it a wall.
@@ -186,7 +186,7 @@ class Explorer:
         """
         if self.complete or self.target is not None or not scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
             return None
-        home = self.homing.home(scene.map_sd_m, self.surroundings.ways(scene))
+        home = self.homing.home(scene.exactness, self.surroundings.ways(scene))
         return None if home is None else self._pursue(scene, home.task, home.roads, self._put_back)
 
     def frontier(self, scene: Scene) -> Target | None:
@@ -354,7 +354,7 @@ class Explorer:
         if target.task.kind == "errand":  # the peer itself may stand where the robot was to look for it
             x, y = target.task.stand.tolist()
             return self.surroundings.teammates.take(scene.tick, x, y, clearance_m)
-        if target.task.kind in ("home", "lap", "retreat", "wait", "park") or not len(self.goals.fresh()):
+        if target.task.kind in ("home", "look", "lap", "retreat", "wait", "park") or not len(self.goals.fresh()):
             return False
         if target.looks > 0 and target.within(ARRIVED_M, scene.here):
             return False
@@ -400,7 +400,7 @@ class Explorer:
             if task is not None:
                 return self._pursue(scene, task, roads, None)
             tried.append(roads)
-        if (home := self.homing.next(scene.map_sd_m, tried)) is not None:
+        if (home := self.homing.next(scene.exactness, tried)) is not None:
             return self._pursue(scene, home.task, home.roads, old)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
             return self._wait(scene)

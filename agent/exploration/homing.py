@@ -1,26 +1,35 @@
-"""Back to where the robot's frame begins, and round about it, until its map is known to lie in that frame (ours).
+"""Back to what tells how the map lies in the robot's frame, until that is known: home, telling walls, laps (ours).
 
-What a robot saw from there before it moved is exact. Seen again, it puts right all that was mapped since, as far as one
+What a robot saw from home before it moved is exact. Seen again, it puts right all that was mapped since, as far as one
 scan shows both. Among columns a robot at home has few of either in view, and heads for it past one side of them. In
 `hall` a map that was right to 6 mm in itself was turned by 0.55 degrees, after the robot had been home by 0.43. A lap
 of 1 m about home, 35 s, left 0.15, and two more 0.01 (the same run, three robots, seed 4: recall 0.65, now 1).
+
+Where home shows too little, the next best is what was seen soon after. One robot began beside a single wall, knew to 16
+mm where along it its frame begins while it saw what stands 3 to 6 m off, and lost that in the empty middle of the hall.
+Its map lay 50 mm off after 190 s of laps (three robots, seed 13: recall 0.78). A look at one of those walls left 15.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.exploration import standing
 from agent.exploration.agenda import Task, TaskKind
+from agent.exploration.path import length_of
 from agent.exploration.planning import Roads, circle
+from agent.mapping.exactness import Exactness
 from protocol.arrays import Floats
 
 HOME = np.zeros(2)  # where the robot began, in its own frame
 EXACT_MAP_M = 0.01  # a map whose walls are known better in its frame needs no look from there
 SURE_MAP_M = 0.015
-"""A map whose walls are known better needs no laps about home. Of 21 maps of three robots in `hall` 15 were known so,
-with corners 8 to 24 mm off, and 6 were not, with corners 14 to 50 mm off. Walls count as found within 50 mm."""
+"""A map whose walls are known better needs neither looks nor laps. Of 21 maps of three robots in `hall` 15 were known
+so, with corners 8 to 24 mm off, and 6 were not, with corners 14 to 50 mm off. Walls count as found within 50 mm."""
+TELLING = 0.2  # share of what is not known of the map that a look must take away: less is not worth the way
+NEARLY = 0.9  # of looks that take away so large a share of what the best one does, the nearest is taken
+APART_M, MOST_LOOKS = 1.0, 4  # looks are so far from each other, and there are so many at most
 LAPS_M = (1.0, 1.8, 1.4, 2.2)
 """Radii of the laps: each passes other sides of what stands near, and may show it together with what is farther off. In
 the middle of `hall` the lap of 1 m left a map turned by 0.45 degrees as it was, that of 1.8 m left 0.1, and all of them
@@ -34,10 +43,11 @@ again once all else is done."""
 
 
 class Way(NamedTuple):
-    """A task, and the roads that lead there."""
+    """A task, the roads that lead there, and the path."""
 
     task: Task
     roads: Roads
+    path: Floats  # (k, 2)
 
 
 class Homing:
@@ -45,32 +55,38 @@ class Homing:
 
     def __init__(self) -> None:
         self._heads_home = False  # whether the last task is to go home
-        self._was_home = False  # whether that has ended, and all since were laps
+        self._was_home = False  # whether that has ended, and all since were looks and laps
         self._left = 0  # times that it was left for another goal since it last ended, or all else was first done
         self._all_else_done = False  # whether all else was done since then
+        self._looked: list[Floats] = []  # places (2,) before the walls that it set out to look at
         self._lap: list[Floats] = []  # places (2,) that are left of the lap under way
         self._radii: Iterator[float] = iter(LAPS_M)  # of the laps that may follow
 
-    def home(self, map_sd_m: Callable[[], float], ways: Iterable[Roads]) -> Way | None:
+    def home(self, exactness: Exactness, ways: Iterable[Roads]) -> Way | None:
         """To go home; None where the robot just was there, where that would tell nothing new, and without a way.
 
-        Nor is there one that was left too often.
-        map_sd_m: by how much walls may be off in the frame, root mean square, worked out when it is asked. ways: the
-        first that leads there is taken.
+        Nor is there one that was left too often. ways: the first that leads there is taken.
         """
-        if self._was_home or self._left >= MOST_LEFT or map_sd_m() < EXACT_MAP_M:
+        if self._was_home or self._left >= MOST_LEFT or exactness.sd_m() < EXACT_MAP_M:
             return None
         return _way("home", HOME, ways)
 
-    def next(self, map_sd_m: Callable[[], float], ways: Sequence[Roads]) -> Way | None:
-        """Home, or on along a lap about it; None where the map is known well enough, or there was the last lap."""
+    def next(self, exactness: Exactness, ways: Sequence[Roads]) -> Way | None:
+        """Home, then to telling walls, then on along laps about home; None where the map is known well enough.
+
+        Nor is there anything after the last lap.
+        """
         if not self._was_home:
             if not self._all_else_done:  # who barred the way while there were open ends may have gone
                 self._all_else_done, self._left = True, 0
-            return self.home(map_sd_m, ways)
+            return self.home(exactness, ways)
         if not self._lap:
-            radius = next(self._radii, None) if map_sd_m() > SURE_MAP_M else None
-            if radius is None:
+            if exactness.sd_m() <= SURE_MAP_M:
+                return None
+            if (look := self._look(exactness, ways)) is not None:
+                self._looked.append(look.task.place)
+                return look
+            if (radius := next(self._radii, None)) is None:
                 return None
             self._lap = [*(radius * circle(STOPS)), HOME]
         while self._lap:
@@ -79,9 +95,21 @@ class Homing:
                 return way
         return None
 
+    def _look(self, exactness: Exactness, ways: Sequence[Roads]) -> Way | None:
+        """To the nearest of the walls that tell the most; None where none tells enough, and after the last look."""
+        if len(self._looked) == MOST_LOOKS:
+            return None
+        places, left_m = exactness.looks()
+        told_m = exactness.sd_m() - left_m
+        for place in self._looked:
+            told_m[np.hypot(*(places - place).T) < APART_M] = 0.0
+        telling = told_m >= max(TELLING * exactness.sd_m(), NEARLY * told_m.max(initial=0.0))
+        looks = [look for place in places[telling] if (look := _way("look", place, ways)) is not None]
+        return min(looks, key=lambda look: length_of(look.path), default=None)
+
     def pursue(self, task: Task) -> None:
         """The robot sets out for a task, one of these or another."""
-        if task.kind not in ("home", "lap"):
+        if task.kind not in ("home", "look", "lap"):
             self._left += self._heads_home and task.kind != "errand"  # of these there are only so many
             self._was_home = False
         self._heads_home = task.kind == "home"
@@ -101,5 +129,5 @@ def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:
     for roads in ways:
         route = standing.near(place, roads)
         if route is not None:
-            return Way(Task(kind, place, route.path[-1]), roads)
+            return Way(Task(kind, place, route.path[-1]), roads, route.path)
     return None

@@ -1,7 +1,7 @@
 """What is around the robot in a tick: walls of map and scan, teammates, walls found by touch, and ways around them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -16,6 +16,7 @@ from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
+from agent.mapping.exactness import Exactness
 from agent.mapping.submaps.settled import Settled
 from agent.period import WakingTime, in_ticks
 from protocol.arrays import Floats
@@ -55,7 +56,7 @@ class Situation:
     sees_past: SeesPast = sees_nothing  # which places the scan sees past, frame of the map
     strangers: Sequence[str] = ()  # those in contact that do not know where the robot's frame lies
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
-    map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked
+    exactness: Exactness = field(default_factory=Exactness)  # of the map
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,22 +1,93 @@
-"""How exact a map is in its frame, by what the joint estimate knows of its walls (ours)."""
+"""How exact a map is in its frame by what the joint estimate knows of its walls, and which look would tell most (ours).
+
+The next place to look from is the one after which least is left to be known, as in active SLAM (Feder, Leonard and
+Smith, "Adaptive mobile robot navigation and mapping", 1999).
+"""
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from agent.kernels import kernel
-from agent.mapping.edges import is_published
-from agent.mapping.joint import has_rows, row_of
-from protocol.arrays import Floats, Records
+from agent.mapping.edges import EDGE, is_published, tip_at
+from agent.mapping.joint import WALLS, crosswise, has_rows, row_of
+from protocol.arrays import Floats, Ints, Records
+from protocol.geometry import Pose
+
+LOOK_M = 0.5  # distance before the middle of a wall from which it is looked at
+LOOK_SD_M = 0.01  # to which a look tells how far a wall is away: some scans, and what wheels add between them
+
+
+class Looks(NamedTuple):
+    """Looks at k walls of the map."""
+
+    places: Floats  # (k, 2) before the middle of each wall, on its free side, metres, frame of the map
+    sds_m: Floats  # (k,) how far walls of the map may be off after each, as in `Exactness.sd_m`
+
+
+class Exactness(NamedTuple):
+    """What is known of how exact a map is. Its arrays may be views: it is good for one tick."""
+
+    walls: Records = np.zeros(0, EDGE)  # (n,) of a particle
+    joint: Floats = np.zeros((WALLS, WALLS))  # (m, m) the particle's covariance
+    pose: Pose = (0.0, 0.0, 0.0)  # of the robot, frame of the map
+
+    def sd_m(self) -> float:
+        """Root mean square of how far walls may be off across their lines, metres, in the map's frame.
+
+        0 where the covariance knows of no error.
+        """
+        return math.sqrt(_mean_variance(self.joint, _published(self.walls, self.joint)))
+
+    def looks(self) -> Looks:
+        """A look at each wall, and what it would tell of all."""
+        told = _looks(self.walls, self.joint, self.pose, _published(self.walls, self.joint))
+        return Looks(told[:, :2], told[:, 2])
 
 
 @kernel
-def map_sd_m(walls: Records, joint: Floats) -> float:
-    """Root mean square of how far walls (n,) of a particle may be off across their lines, metres, in the map's frame.
-
-    joint: (m, m) the particle's covariance. 0 where it knows of no error.
-    """
-    total, number = 0.0, 0
+def _published(walls: Records, joint: Floats) -> Ints:
+    """Which walls are in the map, of those that the covariance knows."""
+    which, number = np.empty(len(walls), np.int64), 0
     for e in range(min(len(walls), has_rows(joint))):
         if is_published(walls[e]):
-            total += joint[row_of(e), row_of(e)]
+            which[number] = e
             number += 1
-    return math.sqrt(total / number) if number else 0.0
+    return which[:number]
+
+
+@kernel
+def _mean_variance(joint: Floats, which: Ints) -> float:
+    """Mean variance of the offsets of some walls (k,), m2."""
+    total = 0.0
+    for e in which:
+        total += joint[row_of(e), row_of(e)]
+    return total / max(len(which), 1)
+
+
+@kernel
+def _looks(walls: Records, joint: Floats, pose: Pose, which: Ints) -> Floats:
+    """(k, 3) of some walls (k,): where to look at each from, x and y, and how far the map may be off after that.
+
+    A look tells how far a wall is from where the robot believes to be.
+    """
+    told, before = np.empty((len(which), 3)), _mean_variance(joint, which)
+    for k in range(len(which)):
+        w = walls[which[k]]
+        middle = 0.5 * (tip_at(w, 0) + tip_at(w, 1))
+        told[k, 0] = w.x + middle * w.ux - LOOK_M * w.uy
+        told[k, 1] = w.y + middle * w.uy + LOOK_M * w.ux
+        same, grows = crosswise(w, pose)
+        rows = (row_of(which[k]), row_of(which[k]) + 1, 0, 1, 2)
+        errs = np.zeros(len(joint))  # how each row errs with what the look tells
+        for i in range(len(rows)):
+            errs += (same[i] + middle * grows[i]) * joint[rows[i]]
+        variance = LOOK_SD_M**2
+        for i in range(len(rows)):
+            variance += (same[i] + middle * grows[i]) * errs[rows[i]]
+        gain = 0.0
+        for e in which:
+            gain += errs[row_of(e)] ** 2
+        told[k, 2] = math.sqrt(max(before - gain / variance / len(which), 0.0))
+    return told

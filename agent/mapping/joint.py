@@ -41,6 +41,7 @@ END_SIGMAS = 5.0
 """Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
 corridor 30 m away from that wall's corner; where the robot's place is uncertain, Cauchy's weight let that pull it by
 0.15 m."""
+_Slopes = tuple[float, float, float, float, float]
 MAX_JOINT = 512  # walls beyond have no rows: 34 MB of covariances
 
 
@@ -77,11 +78,19 @@ def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
 
 
 @kernel
+def crosswise(wall: Record, pose: Pose) -> tuple[_Slopes, _Slopes]:
+    """By how much a wall seems farther to its left by errors of its line (offset, direction) and of the pose.
+
+    That is at the point that its record holds, and how much more a metre along it. Of the pose: x, y, theta.
+    """
+    return (1.0, 0.0, wall.uy, -wall.ux, along(wall, pose[0], pose[1])), (0.0, 1.0, 0.0, 0.0, -1.0)
+
+
+@kernel
 def _relate(wall: Record, row: int, joint: Floats, pose: Pose) -> None:
     """The line's distance from the robot errs by a part that is the same all along it, and one that grows."""
     rows = (row, row + 1, 0, 1, 2)
-    same = (1.0, 0.0, wall.uy, -wall.ux, along(wall, pose[0], pose[1]))
-    grows = (0.0, 1.0, 0.0, 0.0, -1.0)
+    same, grows = crosswise(wall, pose)
     for k in range(3):
         wall.relative[k] = 0.0
     for i in range(5):

@@ -14,7 +14,7 @@ from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, common_axis
-from agent.mapping.exactness import map_sd_m
+from agent.mapping.exactness import Exactness
 from agent.mapping.first_look import hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
 from agent.mapping.joint import (
@@ -393,9 +393,10 @@ class WireframeFilter:
         turned = float(joint[:2, AXIS] @ joint[:2, AXIS]) / joint[AXIS, AXIS] if joint[AXIS, AXIS] > 0.0 else 0.0
         return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
 
-    def map_sd_m(self) -> float:
-        """Standard deviation in metres of a wall in the robot's own frame."""
-        return map_sd_m(self._walls(), self.joint[self.best])
+    @property
+    def exactness(self) -> Exactness:
+        """How exact that map is, until the next scan."""
+        return Exactness(self._walls(), self.joint[self.best], self.pose)
 
     @property
     def is_at_start(self) -> bool:

@@ -27,6 +27,7 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Event, LidarSpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
+from tests.agent.exploration.test_homing import known
 from tests.agent.exploration.test_planning import chain
 from tests.oracle import OracleMapper, explore, step
 from tests.sight import all_seen
@@ -438,7 +439,7 @@ def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_be
     closed, pose = chain([(-2, -2), (4, -2), (4, 2), (-2, 2), (-2, -2)]), np.array((3.0, 1.0, 2.0))
     robot, commands = explorer(default_state="least-likely", pockets=False), []
     for tick in range(1200):
-        situation = Situation(tick, closed, 1, pose_of(pose), Wireframe(), NOBODY, map_sd_m=lambda: map_sd_m)
+        situation = Situation(tick, closed, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(map_sd_m))
         commands.append(step(robot, situation))
         ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
         pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
@@ -460,7 +461,7 @@ def test_a_robot_goes_home_once_nothing_is_left_behind_tight_doors_either():
     robot, reasons = explorer(), [""]
     while reasons[-1] != "home":
         assert len(reasons) < 2000
-        situation = Situation(len(reasons), closed, 1, pose_of(pose), Wireframe(), NOBODY, map_sd_m=lambda: 0.012)
+        situation = Situation(len(reasons), closed, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(0.012))
         command = step(robot, situation)
         ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
         pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
@@ -500,7 +501,7 @@ def test_a_lost_robot_goes_home_before_it_looks_at_an_open_end_and_not_again_whe
     for tick in range(200):
         sd_m = 0.2 if tick < 20 or not helps else 0.01
         situation = Situation(
-            tick, opened, tick, pose_of(pose), Wireframe(), NOBODY, pose_sd_m=sd_m, map_sd_m=lambda: 1
+            tick, opened, tick, pose_of(pose), Wireframe(), NOBODY, pose_sd_m=sd_m, exactness=known(1)
         )
         command = step(robot, situation)
         ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
@@ -521,7 +522,7 @@ def test_a_lost_robot_goes_on_home_where_a_wall_moves_into_its_path(barred):
             walls.append([(1.5, -2), (1.5, 3)] if barred else [(1.5, 0.4), (1.5, 0.6)])
         opened = chain(*walls, labels=Label.FRONTIER)
         situation = Situation(
-            tick, opened, len(walls), pose_of(pose), Wireframe(), NOBODY, pose_sd_m=0.2, map_sd_m=lambda: 1
+            tick, opened, len(walls), pose_of(pose), Wireframe(), NOBODY, pose_sd_m=0.2, exactness=known(1)
         )
         command = step(robot, situation)
         ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
@@ -539,7 +540,7 @@ def test_a_lost_robot_goes_home_after_a_teammate_has_barred_its_way_for_a_while(
     robot, pose, reasons = explorer(default_state="least-likely", pockets=False), np.array((5.2, 0.0, math.pi)), [""]
     for tick in range(200):
         mates = NOBODY if "retreat" in reasons else np.array([relative(pose_of(pose), (4.0, 0.0, 0.0))[:2]])
-        situation = Situation(tick, rooms, 1, pose_of(pose), Wireframe(), mates, pose_sd_m=0.2, map_sd_m=lambda: 1)
+        situation = Situation(tick, rooms, 1, pose_of(pose), Wireframe(), mates, pose_sd_m=0.2, exactness=known(1))
         command = step(robot, situation)
         ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
         pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
