@@ -39,7 +39,7 @@ STOPS = 6  # places on a lap
 MOST_LEFT = 6
 """Times that the way home may be left before its end: as often as a robot waits for teammates that bar a goal. Past a
 door that opens and closes by the side from which it is seen, one would go to and fro for ever. It may be left as often
-again once all else is done."""
+again once all else is done. Looks are left for errands so often at most, all together."""
 
 
 class Way(NamedTuple):
@@ -58,7 +58,8 @@ class Homing:
         self._was_home = False  # whether that has ended, and all since were looks and laps
         self._left = 0  # times that it was left for another goal since it last ended, or all else was first done
         self._all_else_done = False  # whether all else was done since then
-        self._looked: list[Floats] = []  # places (2,) before the walls that it set out to look at
+        self._looked: list[Floats] = []  # places (2,) before the walls that it looked at, or could not
+        self._looks_begun = 0  # times that it set out for one
         self._lap: list[Floats] = []  # places (2,) that are left of the lap under way
         self._radii: Iterator[float] = iter(LAPS_M)  # of the laps that may follow
 
@@ -84,7 +85,6 @@ class Homing:
             if exactness.sd_m() <= SURE_MAP_M:
                 return None
             if (look := self._look(exactness, ways)) is not None:
-                self._looked.append(look.task.place)
                 return look
             if (radius := next(self._radii, None)) is None:
                 return None
@@ -96,15 +96,20 @@ class Homing:
         return None
 
     def _look(self, exactness: Exactness, ways: Sequence[Roads]) -> Way | None:
-        """To the nearest of the walls that tell the most; None where none tells enough, and after the last look."""
-        if len(self._looked) == MOST_LOOKS:
+        """To the nearest of those that tell the most among walls with a way; None without, and after the last look."""
+        if len(self._looked) == MOST_LOOKS or self._looks_begun == MOST_LOOKS + MOST_LEFT:
             return None
         places, left_m = exactness.looks()
         told_m = exactness.sd_m() - left_m
         for place in self._looked:
             told_m[np.hypot(*(places - place).T) < APART_M] = 0.0
-        telling = told_m >= max(TELLING * exactness.sd_m(), NEARLY * told_m.max(initial=0.0))
-        looks = [look for place in places[telling] if (look := _way("look", place, ways)) is not None]
+        looks, enough_m = list[Way](), TELLING * exactness.sd_m()
+        for k in np.argsort(-told_m, kind="stable"):
+            if told_m[k] < enough_m:
+                break
+            if (look := _way("look", places[k], ways)) is not None:
+                looks.append(look)
+                enough_m = max(enough_m, NEARLY * told_m[k])
         return min(looks, key=lambda look: length_of(look.path), default=None)
 
     def pursue(self, task: Task) -> None:
@@ -113,6 +118,7 @@ class Homing:
             self._left += self._heads_home and task.kind != "errand"  # of these there are only so many
             self._was_home = False
         self._heads_home = task.kind == "home"
+        self._looks_begun += task.kind == "look"
 
     def give_up(self) -> None:
         """The way home has ended before home: it counts as left, whatever the robot does next."""
@@ -122,6 +128,8 @@ class Homing:
         """A task has ended: the robot stood where it asked, or could not."""
         if task.kind == "home":
             self._heads_home, self._was_home, self._left, self._all_else_done = False, True, 0, False
+        elif task.kind == "look":
+            self._looked.append(task.place)
 
 
 def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:

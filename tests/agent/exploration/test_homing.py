@@ -145,6 +145,19 @@ def test_a_map_that_is_known_after_a_look_needs_no_further_one():
 
 
 def test_a_wall_that_no_way_leads_to_is_not_looked_at():
-    _, _, tasks = driven([0.03], looks=(((12.0, 0.0), 0.3), ((5.0, 4.0), 0.35)), most=3)
+    _, _, tasks = driven([0.03], looks=(((12.0, 0.0), 0.3), ((5.0, 4.0), 0.5)), most=3)
     assert [task.kind for task in tasks] == ["home", "look", "lap"]
     assert tuple(tasks[1].stand) == (5.0, 4.0)
+
+
+def test_a_look_that_an_errand_interrupts_is_made_afterwards_but_not_begun_for_ever():
+    homing, ways = Homing(), [Roads(OPEN, np.array((3.0, 1.0)), 0.25)]
+    unsure, begun = known(0.03, ((5.0, 4.0), 0.5)), 0
+    while (way := homing.next(unsure, ways)) is not None and way.task.kind != "lap":
+        homing.pursue(way.task)
+        if way.task.kind == "home":
+            homing.done(way.task)
+        else:
+            begun += 1
+            homing.pursue(Task("errand", np.zeros(2), np.zeros(2)))
+    assert begun == MOST_LOOKS + MOST_LEFT
