@@ -237,12 +237,13 @@ class Roads:
         more_nodes: Floats = _NO_NODES,
         node_offset_m: float = NODE_OFFSET_M,
         of_teammates: "Callable[[], Roads] | None" = None,
+        sight_m: float = math.inf,
     ) -> None:
         """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map.
 
-        of_teammates: makes the roads that teammates take, where they are others.
+        of_teammates: makes the roads that teammates take, where they are others. sight_m: as far as the robot sees.
         """
-        self.clearance, self._of_teammates = clearance_m, of_teammates
+        self.clearance, self._of_teammates, self._sight_m = clearance_m, of_teammates, sight_m
         self.walls = np.ascontiguousarray(np.vstack((wireframe.segments(), more_walls)))
         into, out_of = neighbours(wireframe.edges, len(wireframe.points))
         nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
@@ -273,11 +274,12 @@ class Roads:
         return np.asarray(keep_off(np.ascontiguousarray(points), self.terrain.walls, self.clearance))
 
     def with_view(self, points: Floats, targets: Floats, hiding: WallTiles | None = None) -> Bools:
-        """Which of points (n, 2) keep the clearance and have the target (n, 2) of the same row in view.
+        """Which of points (n, 2) keep the clearance and have the target (n, 2) of the same row in view, near enough.
 
         hiding: walls that hide targets, if not those that the roads lead around.
         """
         good = self.standable(points)
+        good &= np.hypot(*(points - targets).T) <= self._sight_m
         good[good] = all_in_view(points[good], targets[good], self.terrain.walls if hiding is None else hiding)
         return good
 

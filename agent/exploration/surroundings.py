@@ -14,6 +14,7 @@ from agent.exploration.driving import Obstacles
 from agent.exploration.glimpses import SeesPast, sees_nothing
 from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
+from agent.exploration.sweep import RANGE_SHARE
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
 from agent.mapping.exactness import Exactness
@@ -123,6 +124,7 @@ class Surroundings:
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
+        self._sight_m = RANGE_SHARE * spec.lidar.range_max_m
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
         self._awake = WakingTime(spec.lidar.rate_hz)
@@ -169,4 +171,4 @@ class Surroundings:
             walls = np.vstack((walls, self.teammates.walls(scene.tick)))
             nodes = np.vstack((nodes, self.teammates.nodes(scene.tick, clearance)))
             theirs = partial(self._ways, scene, clearance, False)
-        return Roads(scene.wireframe, scene.here, clearance, walls, nodes, of_teammates=theirs)
+        return Roads(scene.wireframe, scene.here, clearance, walls, nodes, of_teammates=theirs, sight_m=self._sight_m)

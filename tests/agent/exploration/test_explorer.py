@@ -253,6 +253,14 @@ def test_with_an_empty_map_it_drives_forward_until_a_wall_is_seen():
     assert first > 100
 
 
+def test_it_looks_from_no_farther_off_than_its_lidar_sees():
+    """A robot with a lidar of 0.7 m looked in vain from 1 m off, gave up, and left a fifth of `apartment` unseen."""
+    wall, lidar = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER), LidarSpec(range_max_m=0.7)
+    robot = explorer(RobotSpec(lidar=lidar))
+    at(wall, robot, range(1), (2.5, 2.8, 0.0))
+    assert math.dist(robot.target.task.stand, robot.target.task.place) < lidar.range_max_m
+
+
 def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reason():
     """A map that never changes, robots that do not move: bounded trying, then complete all the same."""
     wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
