@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.lines import Record
 from agent.kernels import kernel
 from agent.mapping.edges import EDGE, is_published, tip_at
 from agent.mapping.joint import WALLS, crosswise, has_rows, row_of
@@ -20,7 +21,7 @@ LOOK_SD_M = 0.01  # to which a look tells how far a wall is away: some scans, an
 
 
 class Looks(NamedTuple):
-    """Looks at k walls of the map."""
+    """Looks at k walls of the map: all whose variance is not the robot's."""
 
     places: Floats  # (k, 2) before the middle of each wall, on its free side, metres, frame of the map
     sds_m: Floats  # (k,) how far walls of the map may be off after each, as in `Exactness.sd_m`
@@ -38,10 +39,10 @@ class Exactness(NamedTuple):
 
         0 where the covariance knows of no error.
         """
-        return math.sqrt(_mean_variance(self.joint, _published(self.walls, self.joint)))
+        return math.sqrt(_mean_variance(self.walls, self.joint, _published(self.walls, self.joint)))
 
     def looks(self) -> Looks:
-        """A look at each wall, and what it would tell of all."""
+        """A look at each wall that tells the robot where it is, and what it would tell of all walls."""
         told = _looks(self.walls, self.joint, self.pose, _published(self.walls, self.joint))
         return Looks(told[:, :2], told[:, 2])
 
@@ -58,28 +59,40 @@ def _published(walls: Records, joint: Floats) -> Ints:
 
 
 @kernel
-def _mean_variance(joint: Floats, which: Ints) -> float:
+def _variance(wall: Record, row: int, joint: Floats) -> float:
+    """Variance of the offset of a wall, m2; while it has none, that of the robot's place across its line.
+
+    All walls have none in the tick in which a torn map was mended.
+    """
+    across = wall.uy**2 * joint[0, 0] - 2.0 * wall.ux * wall.uy * joint[0, 1] + wall.ux**2 * joint[1, 1]
+    return float(joint[row, row] if joint[row, row] > 0.0 else across)
+
+
+@kernel
+def _mean_variance(walls: Records, joint: Floats, which: Ints) -> float:
     """Mean variance of the offsets of some walls (k,), m2."""
     total = 0.0
     for e in which:
-        total += joint[row_of(e), row_of(e)]
+        total += _variance(walls[e], row_of(e), joint)
     return total / max(len(which), 1)
 
 
 @kernel
 def _looks(walls: Records, joint: Floats, pose: Pose, which: Ints) -> Floats:
-    """(k, 3) of some walls (k,): where to look at each from, x and y, and how far the map may be off after that.
+    """(l, 3) of some walls (k,): where to look at each from, x and y, and how far the map may be off after that.
 
-    A look tells how far a wall is from where the robot believes to be.
+    A look tells how far a wall is from where the robot believes to be. Walls with the robot's variance are left out.
     """
-    told, before = np.empty((len(which), 3)), _mean_variance(joint, which)
-    for k in range(len(which)):
-        w = walls[which[k]]
+    told, k, before = np.empty((len(which), 3)), 0, _mean_variance(walls, joint, which)
+    for wall in which:
+        w, row = walls[wall], row_of(wall)
+        if _variance(w, row, joint) > joint[row, row]:
+            continue
         middle = 0.5 * (tip_at(w, 0) + tip_at(w, 1))
         told[k, 0] = w.x + middle * w.ux - LOOK_M * w.uy
         told[k, 1] = w.y + middle * w.uy + LOOK_M * w.ux
         same, grows = crosswise(w, pose)
-        rows = (row_of(which[k]), row_of(which[k]) + 1, 0, 1, 2)
+        rows = (row, row + 1, 0, 1, 2)
         errs = np.zeros(len(joint))  # how each row errs with what the look tells
         for i in range(len(rows)):
             errs += (same[i] + middle * grows[i]) * joint[rows[i]]
@@ -90,4 +103,5 @@ def _looks(walls: Records, joint: Floats, pose: Pose, which: Ints) -> Floats:
         for e in which:
             gain += errs[row_of(e)] ** 2
         told[k, 2] = math.sqrt(max(before - gain / variance / len(which), 0.0))
-    return told
+        k += 1
+    return told[:k]

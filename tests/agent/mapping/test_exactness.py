@@ -79,3 +79,14 @@ def test_a_wall_that_is_known_better_than_the_pose_tells_most() -> None:
     told = exactness.sd_m() - exactness.looks().sds_m
     assert told[0] > 0.4 * exactness.sd_m()
     assert told[1:] == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_walls_of_a_map_that_was_just_mended_are_as_far_off_as_the_robot() -> None:
+    """They have no rows until the next scan: the map counted as exact, and a robot may say complete."""
+    joint = np.zeros((row_of(4), row_of(4)))
+    joint[:2, :2] = place = np.array(((16.0, 3.0), (3.0, 4.0))) * 1e-4
+    across = np.array([(-uy, ux) for _, _, ux, uy in WALLS])
+    assert known(joint).sd_m() == pytest.approx(math.sqrt(np.einsum("ki,ij,kj", across, place, across) / len(WALLS)))
+    assert len(known(joint).looks().places) == 0
+    joint[row_of(1), row_of(1)] = 1e-4
+    assert known(joint).looks().places == pytest.approx(np.array([(2.0 - LOOK_M, 0.5)]))
