@@ -72,7 +72,7 @@ class Explorer:
     def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
         self.config, self.spec = config, spec
         self.driver, self.surroundings = Driver(driving, spec), Surroundings(driving, spec)
-        self.viewpoints, self.headway = Viewpoints(), Headway(rng, spec.lidar.rate_hz)
+        self.viewpoints, self.headway = Viewpoints(), Headway(rng, spec)
         self._remember_nothing(rng)
         self.complete = False
         self._put_back: Target | None = None
@@ -463,7 +463,8 @@ class Explorer:
 
     def _deadline(self, scene: Scene, path: Floats) -> float:
         """Tick of `Scene.awake` at which a target at the end of a path (k, 2) is given up."""
-        seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + self.config.patience_s
+        patience_s = max(self.config.patience_s, self.headway.stuck_s)
+        seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + patience_s
         return scene.awake + math.ceil(seconds / self.driver.tick_s)
 
     # how to get there

@@ -13,7 +13,7 @@ import shapely
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import MOST_VERTEX_VISITS, VERTEX_VISITS
-from agent.exploration.explorer import Explorer
+from agent.exploration.explorer import Command, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import REMEMBERED, GoalMemory
@@ -239,6 +239,12 @@ def explorer(spec: RobotSpec = SPEC, **exploration) -> Explorer:
     return Explorer(ExplorationConfig(**exploration), DrivingConfig(), spec, np.random.default_rng(0))
 
 
+def moved(pose: Floats, command: Command) -> Floats:
+    """The pose (3,) after a tick of a command."""
+    ahead, turn = command.speed_mps / SPEC.lidar.rate_hz, command.turn_rps / SPEC.lidar.rate_hz
+    return np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+
+
 def at(wireframe: Wireframe, explorer: Explorer, ticks: range, pose=(0.0, 0.0, 0.0), version=1):
     return [step(explorer, Situation(tick, wireframe, version, pose, Wireframe(), NOBODY)) for tick in ticks]
 
@@ -449,8 +455,7 @@ def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_be
     for tick in range(1200):
         situation = Situation(tick, closed, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(map_sd_m))
         commands.append(step(robot, situation))
-        ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, commands[-1])
         if commands[-1].complete:
             break
     away = math.hypot(*pose[:2])
@@ -471,8 +476,7 @@ def test_a_robot_goes_home_once_nothing_is_left_behind_tight_doors_either():
         assert len(reasons) < 2000
         situation = Situation(len(reasons), closed, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(0.012))
         command = step(robot, situation)
-        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, command)
         reasons.append(command.reason)
     assert pose[0] > 2.0  # in the doorway, from where it has seen the rest
 
@@ -489,8 +493,7 @@ def test_what_was_glimpsed_and_is_no_wall_of_the_map_is_looked_at_once_from_clos
             robot.look(situation)
             continue
         commands.append(step(robot, situation))
-        ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, commands[-1])
         away.append(math.hypot(*(pose[:2] - place)))
         if commands[-1].complete:
             break
@@ -512,8 +515,7 @@ def test_a_lost_robot_goes_home_before_it_looks_at_an_open_end_and_not_again_whe
             tick, opened, tick, pose_of(pose), Wireframe(), NOBODY, pose_sd_m=sd_m, exactness=known(1)
         )
         command = step(robot, situation)
-        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, command)
         reasons.append(command.reason)
     began = reasons.index("frontier")
     assert set(reasons[:began]) == {"home"}
@@ -533,8 +535,7 @@ def test_a_lost_robot_goes_on_home_where_a_wall_moves_into_its_path(barred):
             tick, opened, len(walls), pose_of(pose), Wireframe(), NOBODY, pose_sd_m=0.2, exactness=known(1)
         )
         command = step(robot, situation)
-        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, command)
         reasons.append(command.reason)
         if reasons[-1] != "home":
             break
@@ -550,8 +551,7 @@ def test_a_lost_robot_goes_home_after_a_teammate_has_barred_its_way_for_a_while(
         mates = NOBODY if "retreat" in reasons else np.array([relative(pose_of(pose), (4.0, 0.0, 0.0))[:2]])
         situation = Situation(tick, rooms, 1, pose_of(pose), Wireframe(), mates, pose_sd_m=0.2, exactness=known(1))
         command = step(robot, situation)
-        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
-        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        pose = moved(pose, command)
         if command.reason != reasons[-1]:
             reasons.append(command.reason)
         if len(reasons) > 3:
@@ -569,6 +569,20 @@ def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
     assert len({command.target for command in commands}) > 1
     if not pockets:  # else sweeps come first
         assert any(event.data.get("reason") == "stuck on the way" for event in events)
+
+
+@pytest.mark.parametrize(("turn_rps", "speed_mps"), [(0.1, 0.22), (2.84, 0.014)])
+def test_a_robot_that_turns_about_or_drives_slowly_is_not_stuck(turn_rps, speed_mps):
+    """It backed off, gave home up six times, and said complete where it was."""
+    room, pose = chain([(-5, -5), (5, -5), (5, 5), (-5, 5), (-5, -5)]), np.array((3.0, 0.0, 0.0))
+    spec = RobotSpec(max_turn_rps=turn_rps, max_speed_mps=speed_mps)
+    robot = explorer(spec, default_state="least-likely", pockets=False)
+    for tick in range(200):
+        situation = Situation(tick, room, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(0.012))
+        command = step(robot, situation)
+        assert not command.events
+        pose = moved(pose, command)
+    assert pose[0] < 2.6
 
 
 def test_a_robot_that_was_held_is_not_stuck_and_gives_nothing_up():
