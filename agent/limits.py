@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from agent.exploration.config import HORIZON_COMMANDS
+from agent.exploration.driving import horizon_m
 from protocol.geometry import wrapped
 from protocol.messages import RobotSpec
 
@@ -48,7 +49,7 @@ def doubts(spec: RobotSpec) -> list[str]:
     if lidar.noise_m > MOST_NOISE_M:
         found.append(f"the lidar errs by {lidar.noise_m:g} m: with more than {MOST_NOISE_M:g} m walls are missed")
     reach_m = lidar.range_max_m - mount_m
-    need_m = spec.radius_m + HORIZON_COMMANDS * spec.max_speed_mps / lidar.rate_hz
+    need_m = spec.radius_m + horizon_m(spec)
     if reach_m < need_m:
         found.append(
             f"the lidar sees {max(reach_m, 0.0):.2f} m around the robot, which reaches {need_m:.2f} m within "

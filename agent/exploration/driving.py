@@ -15,13 +15,13 @@ from protocol.messages import RobotSpec
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10  # points of the lookahead that are tried, the farthest first
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
-BESIDE_TEAMMATE_M = 0.6  # a teammate whose centre is nearer is beside the robot
+BESIDE_TEAMMATE_M = 0.6  # a teammate whose centre is nearer is beside the robot, for large and fast ones also farther
 TURN_BESIDE_RAD = 0.5
 """Heading error beyond which a robot turns on the spot beside a teammate; elsewhere a quarter turn. Both move, and in
 an arc the robot cannot give way: without this, robots touched in one of five runs of five robots in maze-15."""
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
-_ARC_STEPS = 4  # places on that motion that are checked
+_ARC_STEPS = 4  # least places on that motion that are checked
 MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
 _ASIDE_TRIES = 100  # places beside a teammate that are tried at most; for a robot as large as ours 40 suffice
@@ -101,8 +101,9 @@ def _safe(pose: Pose, speed: float, turn: float, seconds: float, obstacles: Obst
     disc_last = np.empty(discs.shape[0])
     for k in range(discs.shape[0]):
         disc_last[k] = math.hypot(discs[k, 0] - x, discs[k, 1] - y)
-    dt = seconds / _ARC_STEPS
-    for _ in range(_ARC_STEPS):
+    steps = max(_ARC_STEPS, math.ceil(speed * seconds / limits.wall))  # a fast robot steps over no wall
+    dt = seconds / steps
+    for _ in range(steps):
         middle = theta + 0.5 * turn * dt
         x += speed * dt * math.cos(middle)
         y += speed * dt * math.sin(middle)
@@ -119,6 +120,11 @@ def _safe(pose: Pose, speed: float, turn: float, seconds: float, obstacles: Obst
     return True
 
 
+def horizon_m(spec: RobotSpec) -> float:
+    """Metres that the robot drives at most within the commands for which a motion must be free."""
+    return HORIZON_COMMANDS * spec.max_speed_mps / spec.lidar.rate_hz
+
+
 def ticks_to_drive(metres: float, spec: RobotSpec) -> int:
     """Ticks in which the robot drives so far at full speed; at least one."""
     return max(1, round(metres * spec.lidar.rate_hz / spec.max_speed_mps))
@@ -131,6 +137,8 @@ class Driver:
         self.config, self.spec = config, spec
         self.tick_s = 1.0 / spec.lidar.rate_hz
         self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
+        # from there two that drive towards each other are at their limit within the horizon
+        self.beside_m = max(BESIDE_TEAMMATE_M, self.limits.disc + 2.0 * horizon_m(spec))
 
     def follow(self, path: Floats, pose: Pose, obstacles: Obstacles, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.
@@ -183,7 +191,7 @@ class Driver:
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))
-        beside = len(obstacles.discs) > 0 and np.hypot(*(obstacles.discs - (x, y)).T).min() < BESIDE_TEAMMATE_M
+        beside = len(obstacles.discs) > 0 and np.hypot(*(obstacles.discs - (x, y)).T).min() < self.beside_m
         if abs(error) > (TURN_BESIDE_RAD if beside else 0.5 * math.pi):
             return Motion(0.0, turn, False)
         # full speed along the way, and no faster than the tightest arc to the point allows

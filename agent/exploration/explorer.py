@@ -43,7 +43,6 @@ STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44
 """Goals are compared anew where the map has changed, and as much time has passed as a drive of half a doorway takes."""
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
-BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
@@ -480,7 +479,7 @@ class Explorer:
             return STOP
         motion = self.driver.follow(target.path, scene.pose, scene.near, target.clearance - GIVE_M)
         x, y = scene.here.tolist()
-        mate = self.surroundings.teammates.near(x, y, BLOCKED_M) if motion.held else None
+        mate = self.surroundings.teammates.near(x, y, self.driver.beside_m) if motion.held else None
         pace = self.headway.judge(scene.awake, left_m, mate is not None)
         if pace == "stuck":
             self._stuck(scene, target)

@@ -10,7 +10,7 @@ import numpy as np
 from agent.errand import Errand
 from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
-from agent.exploration.driving import Obstacles
+from agent.exploration.driving import LOOKAHEAD_M, Obstacles, horizon_m
 from agent.exploration.glimpses import SeesPast, sees_nothing
 from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
@@ -25,7 +25,7 @@ from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
-NEAR_M = 1.5  # walls within this of the robot matter for the next two commands, in which it drives 0.09 m at most
+NEAR_M = 1.5  # walls within this of the robot matter for the next two commands, for large and fast ones also farther
 PUSHING_SHARE = 0.3  # a robot that gets on by less than this share of what was commanded pushes against something
 PUSHING_S = 1.0  # a robot that has pushed for so long pushes against an unseen wall
 MOST_WALLS = 50  # most unseen walls kept in memory (32 bytes each): 12 m of glass
@@ -124,6 +124,7 @@ class Surroundings:
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
+        self._near_m = max(NEAR_M, self.roomy_m + LOOKAHEAD_M + horizon_m(spec))
         self._sight_m = RANGE_SHARE * spec.lidar.range_max_m
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
@@ -153,7 +154,7 @@ class Surroundings:
         walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
         discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
         hidden = self._close.hidden(here[0], here[1], seen, walls, fronts(situation.close, pose))
-        near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], NEAR_M), hidden)), discs)
+        near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], self._near_m), hidden)), discs)
         return Scene(**vars(situation), awake=self._awake.at(tick), here=here, walls=walls, near=near)
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:

@@ -7,11 +7,12 @@ import numpy as np
 
 from agent.corner_scan import STILL_M
 from agent.exploration.close_walls import blind_m
+from agent.exploration.driving import horizon_m
 from agent.exploration.planning import NODE_SHARE, circle
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 
-_SAME_M = 0.3  # a teammate seen this near to where one was is the same one; it drives 0.05 m a tick
+_SAME_M = 0.3  # a teammate seen this near to where one was is the same one, and a fast one also farther
 TEAMMATE_STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
 AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
@@ -42,6 +43,7 @@ class Teammates:
         self.radius, self.rate_hz = spec.radius_m, spec.lidar.rate_hz
         self._blind_m = self.radius + blind_m(spec)
         """Metres between centres within which the front of a teammate may be too near to be measured."""
+        self._same_m = max(_SAME_M, horizon_m(spec))
         self.known: list[Teammate] = []
 
     def update(self, tick: int, places: Floats) -> None:
@@ -53,7 +55,7 @@ class Teammates:
             (math.dist((mate.x, mate.y), at), k, m) for k, at in enumerate(seen) for m, mate in enumerate(self.known)
         )
         mates: dict[int, Teammate] = {}
-        for _, k, m in sorted(off for off in offs if off[0] <= _SAME_M):  # the nearest pair first, each one once
+        for _, k, m in sorted(off for off in offs if off[0] <= self._same_m):  # the nearest pair first, each one once
             if self.known[m].seen < tick and k not in mates:
                 mates[k], self.known[m].seen = self.known[m], tick
         for k, (x, y) in enumerate(seen):

@@ -13,6 +13,7 @@ import shapely
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import MOST_VERTEX_VISITS, VERTEX_VISITS
+from agent.exploration.driving import horizon_m
 from agent.exploration.explorer import Command, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
@@ -540,6 +541,37 @@ def test_a_lost_robot_goes_on_home_where_a_wall_moves_into_its_path(barred):
         if reasons[-1] != "home":
             break
     assert len(reasons) == 11 if barred else math.hypot(*pose[:2]) < 0.1
+
+
+def test_a_large_robot_waits_for_a_teammate_that_bars_its_way():
+    """From a radius of 0.27 m on their centres keep farther apart than it looked: it was stuck, and gave home up."""
+    spec = RobotSpec(radius_m=0.3)
+    corridor = chain([(-2, -0.38), (12, -0.38), (12, 0.38), (-2, 0.38), (-2, -0.38)])
+    robot, pose, reasons = explorer(spec, default_state="least-likely", pockets=False), np.array((5.0, 0, math.pi)), []
+    for tick in range(60):
+        x = min(4.0 + 0.12 * (tick // 8 % 2), pose[0] - 2 * spec.radius_m - 0.05)  # it never stands for two seconds
+        mates = np.array([relative(pose_of(pose), (x, 0.0, 0.0))[:2]])
+        situation = Situation(tick, corridor, 1, pose_of(pose), Wireframe(), mates, exactness=known(0.012))
+        command = step(robot, situation)
+        pose, reasons = moved(pose, command), reasons + [event.data["reason"] for event in command.events]
+    assert reasons[0] == "a teammate"
+
+
+@pytest.mark.parametrize(("radius_m", "speed_mps", "ahead_m"), [(2.0, 0.22, 2.02), (0.105, 10.0, 1.55)])
+def test_neither_a_large_robot_nor_a_fast_one_drives_into_a_wall_ahead(radius_m, speed_mps, ahead_m):
+    robot = explorer(spec := RobotSpec(radius_m=radius_m, max_speed_mps=speed_mps))
+    wall = chain([(ahead_m, -3), (ahead_m, 3)])
+    scene = robot.look(Situation(0, Wireframe(), 0, HERE, wall, NOBODY))
+    assert radius_m + horizon_m(spec) * robot.drive_forward(scene).speed_mps / speed_mps < ahead_m
+
+
+def test_a_fast_teammate_is_one_teammate():
+    """In each tick it was a new one, and the others stayed where it had been."""
+    spec = RobotSpec(max_speed_mps=2.0)
+    teammates = Teammates(spec)
+    for tick in range(10):
+        teammates.update(tick, np.array([[tick * spec.max_speed_mps / spec.lidar.rate_hz, 0.6]]))
+    assert len(teammates.known) == 1
 
 
 def test_a_lost_robot_goes_home_after_a_teammate_has_barred_its_way_for_a_while():
