@@ -32,6 +32,7 @@ EDGE_BEAMS = 0.4
 two edges. Of faces of posts of 10 and 13 cm in three rooms with all of `deploy/sensing.py`, REAL, 0.80 are mapped with
 2.4 beams and 0.57 with 1.7."""
 LATTICE_M = 0.6  # distance between standing points considered by the sweep: a quarter of its radius
+LATTICE_SHARE = 0.5  # ... at most so much of it: where it is short, there may be no such point within it
 LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, that a stand must show: fewer are a sliver
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
@@ -244,7 +245,8 @@ class Sweep:
         if not len(unseen):
             return []
         unseen = _nearest(unseen, roads.origin.point, MOST_SAMPLES)
-        lattice = lattice_between(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
+        apart_m = min(LATTICE_M, LATTICE_SHARE * self.radius)
+        lattice = lattice_between(unseen.min(0) - self.radius, unseen.max(0) + self.radius, apart_m)
         points = lattice.points(np.ones((len(lattice.ys), len(lattice.xs)), np.bool_))
         points, most = points[roads.standable(points)], MOST_VIEWS // len(unseen)
         if len(points) > most:

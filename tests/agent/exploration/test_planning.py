@@ -183,6 +183,16 @@ def test_what_a_teammate_has_swept_on_its_lattice_is_swept_on_any(turn: float) -
     assert not sweep.tasks(sweep.unseen(other, looked_from(NOWHERE, there)), Roads(other, there[0], ROOMY_M))
 
 
+def test_a_sweep_by_a_lidar_that_sees_less_far_than_its_stands_were_apart_leaves_little():
+    """They were 0.6 m apart, whatever it sees, and half of this room was left."""
+    sweep, walls, looked = Sweep(0.1, ideal_lidar(range_max_m=0.25)), chain(room(2, 2)), np.array([[1.0, 1.0]])
+    first = len(sweep.unseen(walls, looked_from(looked)))
+    while tasks := sweep.tasks(unseen := sweep.unseen(walls, looked_from(looked)), Roads(walls, looked[-1], TIGHT_M)):
+        sweep.stood(tasks[0].stand)
+        looked = np.vstack((looked, tasks[0].stand))
+    assert len(unseen) < 0.05 * first
+
+
 def test_a_lidar_that_mixes_readings_at_edges_sees_less_far():
     clean, mixing = (Sweep(0.06, ideal_lidar(mixed=mixed)).radius for mixed in (0.0, 0.2))
     assert mixing == pytest.approx(1.43, abs=0.01) and clean > mixing
