@@ -19,6 +19,7 @@ from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import REMEMBERED, GoalMemory
 from agent.exploration.parking import AT_HOME_M, MOST_SHOWN, Parking
+from agent.exploration.path import ARRIVED_M
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
@@ -466,6 +467,23 @@ def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_be
     else:
         assert len(commands) == 1
     assert commands[-1].complete
+
+
+def test_a_wall_that_tells_how_the_map_lies_is_looked_at_for_three_seconds_whatever_opens_meanwhile():
+    room = [(-2, -2), (4, -2), (4, 2), (0.5, 2)]
+    closed, opened = chain([*room, (-2, 2), room[0]]), chain(room, labels=Label.FRONTIER)
+    robot, pose, reasons, near = explorer(default_state="least-likely", pockets=False), np.zeros(3), ["home"], 0
+    unsure = known(0.03, ((2.0, 1.0), 0.5))
+    for tick in range(150):
+        walls, version = (opened, 1) if "look" in reasons else (closed, 0)
+        situation = Situation(tick, walls, version, pose_of(pose), Wireframe(), NOBODY, exactness=unsure)
+        command = step(robot, situation)
+        pose = moved(pose, command)
+        near += command.reason == "look" and math.dist(pose[:2], (2.0, 1.0)) < ARRIVED_M
+        if command.reason != reasons[-1]:
+            reasons.append(command.reason)
+    assert reasons[:3] == ["home", "look", "frontier"]
+    assert near >= 15
 
 
 def test_a_robot_goes_home_once_nothing_is_left_behind_tight_doors_either():
