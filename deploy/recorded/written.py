@@ -1,9 +1,9 @@
 """The scans of a run as CARMEN text logs, with the true path beside each: for other mapping programs and their judges.
 
 A log begins with a PARAM line of ours that tells how the lidar turns. For each scan it has an ODOM line, then a FLASER
-line where the lidar looks 180 degrees ahead, else a ROBOTLASER1 line (carmen.sourceforge.net, "Logger"). Stamps are
-simulated seconds, at the end of a revolution. Where nothing was measured 0 is written, as by the LDS-01, and where
-nothing came back a range that no lidar of the kind has.
+line where the lidar looks 180 degrees ahead as far as a SICK, else a ROBOTLASER1 line, which tells the range, too
+(carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the end of a revolution. Where nothing was measured
+0 is written, as by the LDS-01, and where nothing came back a range that no lidar of the kind has.
 """
 
 import math
@@ -64,14 +64,14 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
     """Two lines of a log."""
     # readers of FLASER lines take an even number of readings to leave out the leftmost one
     ahead = lidar.field_of_view_deg == 180 and lidar.beams % 2 == 0 and math.isclose(_first(lidar), -math.pi / 2)
-    beyond = (SICK_RANGE_M if ahead else lidar.range_max_m) + BEYOND_M
+    beyond = lidar.range_max_m + BEYOND_M
     told = [0.0 if reading is None else beyond if reading < 0 else reading for reading in scan["ranges"]]
     readings = [f"{reading:.4f}".rstrip("0").rstrip(".") for reading in (told[::-1] if lidar.clockwise else told)]
     robot: Pose = tuple(scan["odometry"])
     seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, lidar.mount), robot))
     stamp = f"{scan['t']:.3f} wireswarm {scan['t']:.3f}"
     odometry = f"ODOM {body} 0 0 0 {stamp}\n"
-    if ahead:
+    if ahead and lidar.range_max_m == SICK_RANGE_M:
         return f"{odometry}{FLASER} {len(readings)} {' '.join(readings)} {seen_from} {body} {stamp}\n"
     view = f"{_first(lidar):.9f} {math.radians(lidar.field_of_view_deg):.9f} {lidar.beam_step:.9f}"
     kind = f"0 {view} {lidar.range_max_m:g} {lidar.noise_m:g} 0"
