@@ -26,9 +26,9 @@ from deploy.recorded.bag_files import how_to_mend, known_by_suffix
 from deploy.recorded.frames import Frames
 from deploy.recorded.laser_scans import BagScan, of_most, typical
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
-from deploy.recorded.noise import measured_noise
-from deploy.recorded.revolution import KNOTS, unroll
+from deploy.recorded.revolution import KNOTS
 from deploy.recorded.topics import most_of, transforms_beside
+from deploy.recorded.untold import find_untold
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
@@ -199,10 +199,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    if not lidar.turning:
-        unroll(log, None, given.revolution_s, from_stamp=True)
-    measured_noise(log)
-    log.note_odd()
+    find_untold(log, given, from_stamp=True)
     return log
 
 

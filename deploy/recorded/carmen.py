@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from deploy.recorded.ceiling import find_ceiling
+from agent.shell.ros2.laser_scan import range_by
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
-from deploy.recorded.noise import measured_noise
-from deploy.recorded.revolution import Revolution, unroll
+from deploy.recorded.revolution import Revolution
+from deploy.recorded.untold import find_untold
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
@@ -126,11 +126,7 @@ def _read(file: Path, given: Given) -> LidarLog:
         log.notes.append(f"damaged after {index + 1} scans, and what follows is left out: {damage[0]}")
     if given.field_of_view_deg is not None and kind == ROBOTLASER:
         log.notes.append(f"--field-of-view is left out: {ROBOTLASER} lines tell it")
-    if kind == FLASER and given.range_max_m is None:
-        find_ceiling(log)
-    unroll(log, told, given.revolution_s)
-    measured_noise(log)
-    log.note_odd()
+    find_untold(log, given, told)
     return log
 
 
@@ -202,7 +198,7 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         first, step, limit = -0.5 * view, view / (count - count % 2), SICK_RANGE_M
         after = begin + count
     else:
-        first, step, limit = math.degrees(float(words[2])), math.degrees(float(words[4])), float(words[5])
+        first, step, limit = math.degrees(float(words[2])), math.degrees(float(words[4])), range_by(float(words[5]))
         clockwise, step = step < 0, abs(step)
         after = begin + count + 1 + max(int(words[begin + count]), 0)
     if len(words) < after + 7:

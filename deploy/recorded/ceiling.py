@@ -1,4 +1,4 @@
-"""What a lidar tells where nothing came back, by the readings of a log that does not say so (ours).
+"""What a lidar tells where nothing came back, by the readings of a log that does not say so, or wrongly (ours).
 
 It is the end of the lidar's range, or a little more: 81.83 m, 51.15, 50 or 32.77 in public logs of SICKs alone, and the
 range itself in those of simulators. Taken for hits they are arcs of wall at that distance, flat enough for lines.

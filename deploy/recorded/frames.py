@@ -8,6 +8,7 @@ import numpy as np
 
 from agent.shell.ros2.laser_scan import LEVEL
 from protocol.arrays import Floats
+from deploy.recorded.jumps import are_jumps
 from protocol.errors import InputError
 
 MAX_SAMPLES = 5_000_000  # of all links together, 360 MB: a robot's ten links at 50 Hz for three hours
@@ -52,7 +53,10 @@ class _Link:
         return float(self.rows[at[0] + 2, -1]) if len(at) else None
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
-        """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,)."""
+        """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,).
+
+        Where a place jumps from one neighbour to the other, it is that of the nearer one.
+        """
         rows = self.rows[:, :-1]
         if self.static:
             turn, place = _rotations(rows[-1:, 4:]), rows[-1:, 1:4]
@@ -60,7 +64,9 @@ class _Link:
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
         a, b = rows[after - 1], rows[np.minimum(after, len(rows) - 1)]
-        share = np.clip((times - a[:, 0]) / np.maximum(b[:, 0] - a[:, 0], 1e-9), 0.0, 1.0)[:, None]
+        share = np.clip((times - a[:, 0]) / np.maximum(b[:, 0] - a[:, 0], 1e-9), 0.0, 1.0)
+        jumps = are_jumps(np.linalg.norm(b[:, 1:4] - a[:, 1:4], axis=1), b[:, 0] - a[:, 0])
+        share = np.where(jumps, np.round(share), share)[:, None]
         near = np.where((a[:, 4:] * b[:, 4:]).sum(1, keepdims=True) < 0, -b[:, 4:], b[:, 4:])
         apart = np.minimum(np.abs(times - a[:, 0]), np.abs(times - b[:, 0]))
         return (_rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)

@@ -18,7 +18,6 @@ from protocol.wireframe import MAX_COORDINATE_M
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
-JUMP_M, JUMP_MPS = 0.5, 10.0  # more than these from one scan to the next, by odometry, is no robot's way
 CHANGE_M = 0.1  # of half of the beams: a robot that stands sees that much of nothing but crowds
 FAR_M = 0.49 * MAX_COORDINATE_M  # from the first scan: no two are out of reach, so a part may begin with any
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
@@ -26,6 +25,7 @@ MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
 CLOCK_SCANS = 10  # in a row by another clock, after which that one counts
 WILD = "scans whose time or place the next two contradict"
+OUT_OF_REACH = f"scans whose odometry is farther than {FAR_M:g} m from the first"
 MAX_SCANS = 200_000  # the longest of public logs has 60,000
 MAX_READINGS = 80_000_000  # 640 MB: as many scans of 361 readings and more
 OF_LOGS: dict[str, Any] = {"turning": False, "noise_m": 0.01, "noise_share": 0.0}
@@ -173,6 +173,12 @@ class LidarLog:
             return False
         return _contradicted(scan, *self._ends(1)) is None
 
+    def skip_far(self) -> None:
+        """Skip scans out of reach of the first: a way that was put together may lead farther than its parts."""
+        near = [scan for scan in self.scans if not _is_far(scan, self.scans[0])]
+        self.skipped += Counter({OUT_OF_REACH: len(self.scans) - len(near)})
+        self.scans = near
+
     def gap_s(self) -> float:
         """Seconds from scan to scan up to which the log does not pause."""
         return max(GAP_S, GAP_TIMES * median(self._steps_s() or [0.0]))
@@ -181,17 +187,13 @@ class LidarLog:
         return [b.time_s - a.time_s for a, b in pairwise(self.scans)]
 
     def note_odd(self) -> None:
-        """Say how often the log pauses and jumps, whether it stands, and whether most of its scans are of no use."""
+        """Say how often the log pauses, whether it stands, and whether most of its scans are of no use."""
         if 2 * len(self.scans) < self._added:
             self.notes.append(f"only {len(self.scans)} of {self._added} scans are used")
         steps, gap_s = self._steps_s(), self.gap_s()
         gaps = [step for step in steps if step > gap_s]
         if gaps:
             self.notes.append(f"{len(gaps)} gaps of {min(gaps):.1f} to {max(gaps):.1f} s between scans")
-        ways = [math.dist(a.odometry[:2], b.odometry[:2]) for a, b in pairwise(self.scans)]
-        jumps = [way for way, step in zip(ways, steps, strict=True) if way > JUMP_M + JUMP_MPS * step]
-        if jumps:
-            self.notes.append(f"{len(jumps)} jumps of odometry, of up to {max(jumps):.1f} m from scan to scan")
         if len({scan.odometry for scan in self.scans}) == 1 and self._sees_change():
             self.notes.append("its odometry never moves, but what it sees does")
         if not any(np.isfinite(scan.ranges).any() for scan in self.scans):
@@ -208,7 +210,7 @@ def _contradicted(scan: Scan, first: Scan | None, last: Scan | None) -> str | No
     if first is None or last is None:
         return None
     if _is_far(scan, first):
-        return f"scans whose odometry is farther than {FAR_M:g} m from the first"
+        return OUT_OF_REACH
     if scan.time_s < last.time_s:
         return "scans whose time jumps back"
     if scan.time_s - first.time_s > MAX_DAYS * 86_400:

@@ -26,6 +26,11 @@ def stamp_of(message: Any, arrived_s: float) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
 
+def range_by(told_m: float) -> float:
+    """Metres that a lidar reaches which tells so many: any that there may be, where it tells none or more."""
+    return min(told_m, MAX_RANGE_M) if told_m > 0 else MAX_RANGE_M
+
+
 class Bearings(NamedTuple):
     """How the readings of a LaserScan point."""
 
@@ -85,7 +90,7 @@ class LaserScan(NamedTuple):
         """
         count, first, step = self.bearings
         low, high = limits
-        high = min(high, MAX_RANGE_M) if high > 0 else MAX_RANGE_M
+        high = range_by(high)
         told = {
             "beams": count,
             "turning": self.between_s > 0,

@@ -295,6 +295,30 @@ def test_a_drive_ends_where_the_clock_is_set_back(tmp_path: Path, tf: bool) -> N
     assert [scan.odometry for scan in log.scans] == [pytest.approx(pose_at(100 + 0.2 * k), abs=1e-3) for k in range(10)]
 
 
+def test_odometry_that_begins_anew_goes_on(tmp_path: Path) -> None:
+    """A scan between two messages that jump was put between the two places, and the map was torn."""
+    said = []
+    for one in drive(ROS2, 20):
+        x, y, theta = pose_at(one.t)
+        anew = (x + 60.0, y - 30.0, theta) if one.t > 101.99 else (x, y, theta)
+        said.append(ROS2.odometry(one.t, anew) if one.kind == ODOMETRY else one)
+    said += [ROS2.scan(100.18 + 0.2 * k, FIVES) for k in range(20)]  # one of them after the jump's half
+    log = read(write_bag(tmp_path, "mcap", in_order(said)))
+    assert len(log.scans) == 40 and any(note.startswith("1 jumps of odometry") for note in log.notes)
+    for scan in log.scans:
+        assert scan.odometry == pytest.approx(pose_at(scan.time_s), abs=0.15), scan.time_s
+
+
+@pytest.mark.parametrize("range_max", [0.0, math.inf, math.nan, 90.0])
+def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(tmp_path: Path, range_max: float) -> None:
+    """Where its messages tell another range, or none, it was an arc of wall."""
+    room = np.append(np.linspace(1.0, 3.0, 170), 10 * [81.83])
+    said = [ROS2.scan(one.t, room, range_max=range_max) if one.kind == SCAN else one for one in drive(ROS2)]
+    log = read(write_bag(tmp_path, "mcap", said))
+    assert log.lidar.range_max_m == pytest.approx(81.63, abs=1e-3)
+    assert all(np.isposinf(scan.ranges[170:]).all() and np.isfinite(scan.ranges[:170]).all() for scan in log.scans)
+
+
 @pytest.mark.parametrize("frame", ["base_link", "odom"])
 def test_a_mount_holds_where_the_lidars_frame_is_the_robots_or_that_of_odometry(tmp_path: Path, frame: str) -> None:
     said = [ROS2.scan(one.t, FIVES, frame=frame) if one.kind == SCAN else one for one in drive(ROS2)]

@@ -2,6 +2,7 @@
 
 import gzip
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from deploy.recorded.lidar_log import Given
 from deploy.recorded.reading import read_logs
 from deploy.recorded.team import cut
 from protocol.errors import InputError
-from protocol.geometry import relative
+from protocol.geometry import Pose, relative
 from protocol.wireframe import MAX_COORDINATE_M
 
 
@@ -28,6 +29,17 @@ def flaser(
     values = readings or ["2.5"] * 180
     end = f"{pose} {pose} {number if time is None else time} host {number}"
     return f"FLASER {count or len(values)} {' '.join(values)} {end}"
+
+
+def robotlaser(
+    number: float,
+    step: object = 0.0174,
+    limit: object = 81.92,
+    first: object = -1.57,
+    readings: Sequence[str] = 180 * ("3",),
+) -> str:
+    head = f"ROBOTLASER1 0 {first} 3.14 {step} {limit} 0.01 0 180"
+    return f"{head} {' '.join(readings)} 0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
 
 
 def log(tmp_path: Path, *lines: str) -> Path:
@@ -82,10 +94,13 @@ def test_readings_that_are_no_ranges_say_nothing_or_nothing_there(tmp_path: Path
 
 
 @pytest.mark.parametrize("nothing", ["51.15", "32.767", "3.5"])
-def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(tmp_path: Path, nothing: str) -> None:
-    """A FLASER line does not say what that is; it is where readings pile up at the log's largest."""
+@pytest.mark.parametrize("line", [flaser, robotlaser])
+def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(
+    tmp_path: Path, nothing: str, line: Callable[..., str]
+) -> None:
+    """A FLASER line does not say what that is, and a ROBOTLASER1 line may tell a range that no reading has."""
     room = [f"{1 + 0.01 * k:.2f}" for k in range(170)]
-    file = log(tmp_path, *(flaser(k, readings=[*room, *10 * [nothing]]) for k in range(3)))
+    file = log(tmp_path, *(line(k, readings=[*room, *10 * [nothing]]) for k in range(3)))
     read = read_carmen(file, Given())
     ranges = read.scans[2].ranges
     assert np.isposinf(ranges[170:]).all() and np.isfinite(ranges[:170]).all()
@@ -111,11 +126,6 @@ def test_the_end_of_a_corridor_is_a_hit_and_no_end_of_the_range(tmp_path: Path) 
         lines.append(flaser(k, readings=[f"{metres:.2f}" for metres in noisy]))
     read = read_carmen(log(tmp_path, *lines), Given())
     assert all(np.isfinite(scan.ranges).all() for scan in read.scans) and not read.notes
-
-
-def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0, first: object = -1.57) -> str:
-    head = f"ROBOTLASER1 0 {first} 3.14 {step} {limit} 0.01 0 180"
-    return f"{head} {'3 ' * 180}0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
 
 
 def test_what_is_not_used_is_counted_before_the_first_scan_and_of_another_kind(tmp_path: Path) -> None:
@@ -165,8 +175,7 @@ def test_a_log_of_ever_other_lidars_is_read_as_of_one_of_the_first(tmp_path: Pat
         (robotlaser(0, step="inf"), "over more than 360 degrees"),
         (robotlaser(0, step=-0.00001), "field_of_view_deg: at least 1"),
         (robotlaser(0, step=0.0001), "180 beams over 1.03132 degrees are 62832 a revolution"),
-        (robotlaser(0, limit=1000), "range_max_m: at most 100"),
-        (robotlaser(0, limit="inf"), "range_max_m: a finite number"),
+        (robotlaser(0, limit=0.01), "range_max_m: at least 0.05"),
         (flaser(0, readings=["1"] * 4097), "fewer than 8 or more than 4096 beams"),
         (flaser(0)[:300], "cut or hold no numbers"),
     ],
@@ -174,6 +183,13 @@ def test_a_log_of_ever_other_lidars_is_read_as_of_one_of_the_first(tmp_path: Pat
 def test_why_no_scan_can_be_used_is_said(tmp_path: Path, line: str, said: str) -> None:
     with pytest.raises(InputError, match=f"none of its scans can be used: .*{said}"):
         read_carmen(log(tmp_path, line, line), Given())
+
+
+@pytest.mark.parametrize("limit", ["1000", "inf", "0", "-1", "nan"])
+def test_a_range_that_no_lidar_has_is_any(tmp_path: Path, limit: str) -> None:
+    """All scans were skipped."""
+    read = read_carmen(log(tmp_path, robotlaser(0, limit=limit)), Given())
+    assert read.lidar.range_max_m == 100 and not read.skipped
 
 
 @pytest.mark.parametrize(("begin", "end"), [("\ufeff", "\n"), ("", "\r"), ("", "\r\n")], ids=["BOM", "CR", "CRLF"])
@@ -265,9 +281,30 @@ def test_gaps_are_told(tmp_path: Path) -> None:
 def test_jumps_of_odometry_and_scans_of_nothing_are_told(tmp_path: Path) -> None:
     lines = [flaser(0.2 * k, readings=["81"] * 180, pose=f"{0.1 * k + 40 * (k > 5)} 0 0") for k in range(10)]
     assert read_carmen(log(tmp_path, *lines), Given()).notes == [
-        "1 jumps of odometry, of up to 40.1 m from scan to scan",
+        "1 jumps of odometry, of up to 40.1 m from scan to scan: there the robot is taken to go on as before",
         "no scan hits anything",
     ]
+
+
+@pytest.mark.parametrize("revolution_s", [None, 0.2])
+def test_a_way_whose_odometry_begins_anew_or_jumps_goes_on(tmp_path: Path, revolution_s: float | None) -> None:
+    """The map was torn there."""
+    true: list[Pose] = [(20 * math.sin(0.03 * k), 20 - 20 * math.cos(0.03 * k), 0.03 * k) for k in range(40)]
+    told = [*true[:20], *(relative(true[20], pose) for pose in true[20:])]
+    told[30] = 99.0, 99.0, 1.0  # one wrong pose
+    lines = (flaser(0.2 * k, pose=" ".join(map(str, pose))) for k, pose in enumerate(told))
+    read = read_carmen(log(tmp_path, *lines), Given(revolution_s=revolution_s))
+    assert np.array([scan.odometry for scan in read.scans]) == pytest.approx(np.array(true), abs=1e-9)
+    assert [note.split(",")[0] for note in read.notes if "jumps" in note] == ["3 jumps of odometry"]
+    if revolution_s:
+        assert all(scan.way is not None and np.ptp(scan.way, 0).max() < 1 for scan in read.scans)
+
+
+def test_a_way_that_goes_on_beyond_all_maps_ends_there(tmp_path: Path) -> None:
+    places = [3 * k for k in range(1500)]
+    lines = (flaser(k, pose=f"{x} 0 0") for k, x in enumerate(places + places))
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert 1630 < len(read.scans) == 3000 - read.skipped["scans whose odometry is farther than 4900 m from the first"]
 
 
 @pytest.mark.parametrize(("moves", "notes"), [(0.1, ["its odometry never moves, but what it sees does"]), (0.0, [])])
