@@ -35,6 +35,7 @@ from protocol.messages import LidarSpec
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
+OTHER_MCAP = "Profile is not ros2"  # by the library, of the file of another program
 MOUNTED = "the lidar"  # its frame where the user tells its mount: its own frame may be the robot's
 
 
@@ -73,7 +74,9 @@ def read_bag(file: Path, given: Given) -> LidarLog:
     except MemoryError:
         raise InputError(f"{file}: it takes more than {MORE_BYTES >> 30} GB of memory; split it") from None
     except Exception as error:  # the library checks little of bytes that are no bag
-        raise InputError(f"{file}: it is no bag, or damaged: {_words(error)}{how_to_mend(file)}") from None
+        if OTHER_MCAP in (words := _words(error)):
+            raise InputError(f"{file}: an MCAP file of other messages than those of ROS 2") from None
+        raise InputError(f"{file}: it is no bag, or damaged: {words}{how_to_mend(file)}") from None
 
 
 def _words(error: Exception) -> str:
@@ -137,7 +140,8 @@ def _take_scan(bag: _Bag, told: Any, time_ns: int, timing: Timing) -> None:
 
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
     if bag.wheels is None:
-        bag.wheels = told.header.frame_id or FIXED_FRAME, told.child_frame_id or "the robot"
+        frame, child = told.header.frame_id.lstrip("/") or FIXED_FRAME, told.child_frame_id.lstrip("/")
+        bag.wheels = frame, "the robot" if child in ("", frame) else child
     pose = _pose(told.pose.pose.position, told.pose.pose.orientation)
     wheels.add(*bag.wheels, stamp_of(told, 1e-9 * time_ns), pose, arrived_s=1e-9 * time_ns)
 
@@ -156,7 +160,7 @@ def _root(bag: _Bag, given: Given) -> str:
         if given.mount is not None or not moving:
             raise InputError(f"it has no topic of {ODOMETRY}{'' if moving else f', and no tf that moves {lidar!r}'}")
         return next((frame for frame in moving if FIXED_FRAME in frame.rsplit("/")[-1]), moving[-1])
-    root, robot = (frame.lstrip("/") for frame in bag.wheels)
+    root, robot = bag.wheels
     is_told = robot in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar)))
     part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
     if given.mount is not None:
@@ -191,9 +195,10 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     upside_down, ways = knots[-1].upside_down or bool(given.upside_down), np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(most, given, upside_down)
     log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
-    for entry, end, way, apart in zip(usable, ends.tolist(), ways, knots[-1].apart_s, strict=True):
+    told = knots[-1].apart_s, knots[-1].rarest
+    for entry, end, way, apart, rarest in zip(usable, ends.tolist(), ways, *told, strict=True):
         if apart > APART_S:
-            log.skipped[f"scans without odometry within {APART_S} s"] += 1
+            log.skipped[f"scans without {rarest} within {APART_S} s"] += 1
             continue
         readings = entry.scan.at(most.scan.bearings)
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))

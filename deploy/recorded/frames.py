@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.shell.ros2.laser_scan import LEVEL
-from protocol.arrays import Floats
 from deploy.recorded.jumps import are_jumps
+from protocol.arrays import Floats
 from protocol.errors import InputError
 
 MAX_SAMPLES = 5_000_000  # of all links together, 360 MB: a robot's ten links at 50 Hz for three hours
@@ -21,6 +22,7 @@ class Placed(NamedTuple):
 
     poses: Floats  # (n, 3) m, m, rad: its origin and its x axis, seen from above
     apart_s: Floats  # (n,) from each moment to the nearest one at which all was told
+    rarest: NDArray[np.str_]  # (n,) what was told at no nearer one
     upside_down: bool  # whether its z axis points down
 
 
@@ -36,6 +38,12 @@ class _Link:
     def rows(self) -> Floats:
         """(n, WIDTH) the samples."""
         return np.frombuffer(self.samples, np.float64).reshape(-1, WIDTH)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it tells one pose for ever, or the same one again and again."""
+        poses = self.rows[:, 1:-1]
+        return self.static or np.allclose(poses, poses[-1])
 
     def tells(self, parent: str, pose: Sequence[float]) -> bool:
         """Whether it tells this parent and pose for ever."""
@@ -157,22 +165,27 @@ class Frames:
     def placed(self, frame: str, root: str, times: Floats) -> Placed:
         """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level.
 
-        Also where the other one is not above it, as in a ring of frames.
+        Also where the other one is not above it, as in a ring of frames. The link to the other one is the odometry; any
+        that is nearer to the lidar may be told once alone, if it stands.
         """
         if root.lstrip("/") not in (frame.lstrip("/"), *(name for name, _ in self.above(frame))):
             raise InputError(f"{frame} does not hang in {root}: its frames end before that, or are a ring")
         turn, place = np.tile(np.eye(3), (len(times), 1, 1)), np.zeros((len(times), 3))
-        apart, at = np.zeros(len(times)), frame.lstrip("/")
+        apart, rarest, at = np.zeros(len(times)), np.full(len(times), "odometry"), frame.lstrip("/")
         while at != root.lstrip("/"):
             link = self._links[at]
             by, to, told = link.at(times)
             turn, place = by @ turn, np.einsum("nij,nj->ni", by, place) + to
-            apart, at = np.maximum(apart, told), link.parent
+            moves = link.parent == root.lstrip("/")
+            if moves or not link.stands:
+                rarest = np.where(told > apart, "odometry" if moves else f"tf of {at}", rarest)
+                apart = np.maximum(apart, told)
+            at = link.parent
         up = float(np.nanmedian(turn[:, 2, 2])) if np.isfinite(turn[:, 2, 2]).any() else 1.0
         if abs(up) < LEVEL:
             raise InputError(f"{frame} is not level in {root}, so that its lidar sees no floor plan")
         headings = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        return Placed(np.column_stack((place[:, :2], headings)), apart, up < 0)
+        return Placed(np.column_stack((place[:, :2], headings)), apart, rarest, up < 0)
 
 
 def _rotations(quaternions: Floats) -> Floats:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as Mcap
 from rosbags.rosbag1 import Writer
 
 from deploy import cli
@@ -90,6 +91,16 @@ def test_of_a_recording_that_was_broken_off_the_sentence_tells_what_mends_it(
     with pytest.raises(InputError, match=f"; if its recording was broken off, `{mender}` mends it$") as error:
         read(file)
     assert "(" not in str(error.value)
+
+
+def test_an_mcap_file_of_another_program_is_not_called_broken(tmp_path: Path) -> None:
+    """It was told to be mended, which it needs not."""
+    with (tmp_path / "run.mcap").open("wb") as stream:
+        writer = Mcap(stream)
+        writer.start(profile="", library="another")
+        writer.finish()
+    with pytest.raises(InputError, match=r"run\.mcap: an MCAP file of other messages than those of ROS 2$"):
+        read(tmp_path / "run.mcap")
 
 
 def test_options_that_do_not_apply_are_not_left_out_in_silence(tmp_path: Path) -> None:
@@ -317,6 +328,33 @@ def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(tmp_path: Path, ra
     log = read(write_bag(tmp_path, "mcap", said))
     assert log.lidar.range_max_m == pytest.approx(81.63, abs=1e-3)
     assert all(np.isposinf(scan.ranges[170:]).all() and np.isfinite(scan.ranges[:170]).all() for scan in log.scans)
+
+
+@pytest.mark.parametrize("told_at", [[100.0], [100.0, 100.9, 101.8]], ids=["once", "rarely"])
+@pytest.mark.parametrize("odometry", ["topic", "tf"])
+def test_a_mount_that_tf_tells_rarely_holds_throughout(tmp_path: Path, told_at: list[float], odometry: str) -> None:
+    """Most scans were skipped, as without odometry."""
+    said = drive(ROS2) if odometry == "topic" else by_tf((0.2, 0.0, 0.0))[:-1]
+    said += [ROS2.transform(t, "base_link", "laser", (0.2, 0.0, 0.1), yawed(0.5)) for t in told_at]
+    log = read(write_bag(tmp_path, "mcap", in_order(said)))
+    assert len(log.scans) == 10 and not log.skipped and not log.notes
+    for scan in log.scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, 0.5)), abs=1e-3)
+
+
+def test_a_part_that_moves_and_is_told_rarely_is_named(tmp_path: Path) -> None:
+    said = [*drive(ROS2), *(ROS2.transform(t, "base_link", "laser", (0.2, 0, 0), yawed(t)) for t in (100.0, 100.1))]
+    log = read(write_bag(tmp_path, "mcap", in_order(said)))
+    assert log.skipped == {"scans without tf of laser within 0.5 s": 6}
+
+
+@pytest.mark.parametrize("child", ["", "odom", "/odom"])
+def test_odometry_that_names_no_other_frame_is_that_of_the_robot(tmp_path: Path, child: str) -> None:
+    """Where it named its own one, the robot stood, without a word."""
+    said = [ROS2.odometry(one.t, pose_at(one.t), child) if one.kind == ODOMETRY else one for one in drive(ROS2)]
+    log = read(write_bag(tmp_path, "mcap", said))
+    assert log.scans[-1].odometry == pytest.approx(pose_at(log.scans[-1].time_s), abs=1e-3)
+    assert log.notes == ["nothing tells where laser is on the robot: taken as the same (--mount tells it)"]
 
 
 @pytest.mark.parametrize("frame", ["base_link", "odom"])
