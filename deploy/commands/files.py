@@ -35,7 +35,9 @@ def map_(
     ] = None,
     range_max_m: Annotated[
         float | None,
-        Option("--range-max", help="Metres from which on nothing came back.", show_default="80", min=0.05, max=100),
+        Option(
+            "--range-max", help="Metres from which on nothing came back.", show_default="by the log", min=0.05, max=100
+        ),
     ] = None,
     scan_topic: Annotated[
         str | None, Option("--scan-topic", help="Of a bag's LaserScan.", show_default="that with most messages")
