@@ -1,7 +1,8 @@
 """Gazebo's SDF: what of its collision shapes a lidar sees that turns level at one height.
 
-Poses are x y z roll pitch yaw of a frame in that of its parent (sdformat.org, "Specifying pose"). In a world that
-Gazebo saved, the poses of models in `state` are those that count.
+Poses are x y z roll pitch yaw of a frame in that of its parent (sdformat.org, "Specifying pose"), or x y z and a
+quaternion x y z w (SDFormat 1.9, pose.sdf). In a world that Gazebo saved, the poses of models in `state` are those that
+count.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 import shapely
 
 from deploy.exchange.shapes import Shapes
+from deploy.recorded.frames import rotations
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError
@@ -196,18 +198,30 @@ def _cut(base: Floats, low: float, high: float, frame: Matrix, height_m: float) 
 
 def _pose(element: Element) -> Matrix:
     """(4, 4) of an element's pose; the identity where it has none."""
-    pose = element.find("pose")
-    text = "" if pose is None else (pose.text or "").strip()
-    x, y, z, roll, pitch, yaw = _numbers(text, 6) if text else [0.0] * 6
-    if pose is not None and pose.get("degrees", "").lower() in ("true", "1"):
-        roll, pitch, yaw = map(math.radians, (roll, pitch, yaw))
+    pose, made = element.find("pose"), np.eye(4)
+    if pose is None or not (text := (pose.text or "").strip()):
+        return made
+    if pose.get("rotation_format") == "quat_xyzw":
+        x, y, z, *quaternion = _numbers(text, 7)
+        made[:3, :3] = rotations(np.array([quaternion]))[0]
+        if np.isnan(made).any():
+            raise InputError(f"the quaternion of the pose {text!r:.60} is 0")
+    else:
+        x, y, z, *angles = _numbers(text, 6)
+        degrees = pose.get("degrees", "").lower() in ("true", "1")
+        made[:3, :3] = _rotation(*(map(math.radians, angles) if degrees else angles))
+    made[:3, 3] = x, y, z
+    return made
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Floats:
+    """(3, 3) of angles in radians."""
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle), math.cos(angle)) for angle in (roll, pitch, yaw))
     return np.array(
         [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
-            [-sp, cp * sr, cp * cr, z],
-            [0.0, 0.0, 0.0, 1.0],
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
         ]
     )
 

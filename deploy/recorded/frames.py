@@ -67,7 +67,7 @@ class _Link:
         """
         rows = self.rows[:, :-1]
         if self.static:
-            turn, place = _rotations(rows[-1:, 4:]), rows[-1:, 1:4]
+            turn, place = rotations(rows[-1:, 4:]), rows[-1:, 1:4]
             return np.repeat(turn, len(times), 0), np.repeat(place, len(times), 0), np.zeros(len(times))
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
@@ -77,7 +77,7 @@ class _Link:
         share = np.where(jumps, np.round(share), share)[:, None]
         near = np.where((a[:, 4:] * b[:, 4:]).sum(1, keepdims=True) < 0, -b[:, 4:], b[:, 4:])
         apart = np.minimum(np.abs(times - a[:, 0]), np.abs(times - b[:, 0]))
-        return (_rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)
+        return (rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)
 
 
 class Frames:
@@ -188,7 +188,7 @@ class Frames:
         return Placed(np.column_stack((place[:, :2], headings)), apart, rarest, up < 0)
 
 
-def _rotations(quaternions: Floats) -> Floats:
+def rotations(quaternions: Floats) -> Floats:
     """(n, 3, 3) of quaternions (n, 4) x, y, z, w of any length; NaN of none."""
     with np.errstate(invalid="ignore", divide="ignore"):
         x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T

@@ -140,6 +140,17 @@ def test_angles_are_degrees_by_any_word_of_sdf(word: str) -> None:
     assert (area.bounds == pytest.approx((-0.5, -2, 0.5, 2))) == degrees
 
 
+def test_a_pose_may_have_a_quaternion() -> None:
+    """One refused the whole world. Gazebo takes those of any length, too."""
+    link = BOX.format("<pose rotation_format='quat_xyzw'>{}</pose>", "4 2 1")
+    for numbers, bounds in (("1 2 0 0 0 3 3", (0, 0, 2, 4)), ("1 2 0 .5 .5 .5 .5", (0.5, 0, 1.5, 4))):
+        (area,) = read_sdf(parse_xml(f"<sdf><model>{link.format(numbers)}</model></sdf>")).areas
+        assert area.bounds == pytest.approx(bounds)
+    for wrong in ("1 2 0 0 0 0", "1 2 0 0 0 0 0", "1 2 0 0 0 0 nan"):
+        with pytest.raises(InputError, match=wrong):
+            read_sdf(parse_xml(f"<sdf><model>{link.format(wrong)}</model></sdf>"))
+
+
 def test_an_included_file_is_read_once_and_not_for_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file of 10 MB could name another one 100,000 times."""
     (tmp_path / "box").mkdir()
