@@ -131,7 +131,10 @@ def import_(
         Path, Option(help="World file to write; a picture goes beside it.", metavar="WORLD.yaml", show_default=False)
     ],
     width_m: Annotated[
-        float | None, Option("--width", help="Metres that a picture without a YAML is wide.", min=0.1, max=1000)
+        float | None,
+        Option(
+            "--width", help="Metres that a picture without a YAML, or a DXF without a unit, is wide.", min=0.1, max=1000
+        ),
     ] = None,
     height_m: Annotated[
         float, Option("--height", help="Metres above the ground at which SDF is cut: the lidar's.", min=-100, max=100)

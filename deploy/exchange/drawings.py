@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -78,45 +78,74 @@ def read_geojson(about: Mapping[Any, Any]) -> Shapes:
     return Shapes([whole(area) for area in areas], walls)
 
 
-def read_dxf(file: Path) -> Shapes:
-    """Lines and curves of a DXF drawing, of the layer `walls` where there is one. Raises InputError."""
-    from ezdxf.enums import InsertUnits
+def read_dxf(file: Path, width_m: float | None = None) -> Shapes:
+    """Lines and curves of a DXF drawing, of the layer `walls` where there is one. Raises InputError.
+
+    width_m: how wide they are, for a drawing without a unit. Where that is not known either, metres are assumed.
+    """
     from ezdxf.filemanagement import readfile
     from ezdxf.math import Matrix44
-    from ezdxf.path import make_path
-    from ezdxf.units import conversion_factor
 
     logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it ignores is no error
     shapes = Shapes(walls=(walls := []))
     left = MAX_POINTS
     try:
         drawing = readfile(file)
-        scale = conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters) if drawing.units else 1.0
-        entities = list(drawing.modelspace())
-        on_layer = [entity for entity in entities if entity.dxf.layer.lower() == LAYER]  # case tells no layers apart
-        for entity in on_layer or entities:
-            kind = entity.dxftype()
-            if kind in ("POINT", "TEXT", "MTEXT"):
-                continue
-            if kind not in ("LINE", "LWPOLYLINE", "POLYLINE", "CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
-                shapes.left_out[f"{kind} on layer {entity.dxf.layer}"] += 1
-                continue
-            path = make_path(entity).transform(Matrix44.scale(scale, scale, 0))  # metres, seen from above
-            if not len(path):  # a polyline of one vertex
-                continue
+        paths = _paths(drawing.modelspace(), shapes)
+        scale = _scale(drawing, width_m, paths, shapes)
+        for kind, drawn in paths:
+            path = drawn.transform(Matrix44.scale(scale, scale, 0))  # metres, seen from above
             _points([(point.x, point.y) for point in path.control_vertices()], kind)  # a huge curve has endless chords
             flat = [(point.x, point.y) for point in islice(path.flattening(SAGITTA_M), left + 1)]
             left -= len(flat)
             if left < 0:
                 raise InputError(f"more than {MAX_POINTS} points of lines and curves")
             walls.append(_points(flat, kind))
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(shapes.refusal(error)) from None
     except Exception as error:  # of a damaged drawing, ezdxf raises what its parts raise
         raise InputError(f"no DXF drawing that can be read: {error!s:.100}") from None
-    if not drawing.units:
-        shapes.left_out["a unit: metres are assumed"] += 1
     return shapes
+
+
+def _paths(entities: Iterable[Any], shapes: Shapes) -> list[tuple[str, Any]]:
+    """Kind and path, in the drawing's unit, of each line and curve that is taken; what is not is noted."""
+    from ezdxf.path import make_path
+
+    entities, paths = list(entities), []
+    on_layer = [entity for entity in entities if entity.dxf.layer.lower() == LAYER]  # case tells no layers apart
+    for entity in on_layer or entities:
+        kind = entity.dxftype()
+        if kind in ("POINT", "TEXT", "MTEXT"):
+            continue
+        if kind not in ("LINE", "LWPOLYLINE", "POLYLINE", "CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
+            shapes.left_out[f"{kind} on layer {entity.dxf.layer}"] += 1
+        elif len(path := make_path(entity)):  # else a polyline of one vertex
+            paths.append((kind, path))
+    return paths
+
+
+def _scale(drawing: Any, width_m: float | None, paths: list[tuple[str, Any]], shapes: Shapes) -> float:
+    """Metres of a drawing's unit; what is assumed, or not asked for, is noted. Raises InputError."""
+    from ezdxf.enums import InsertUnits
+    from ezdxf.lldxf.const import DXF12
+    from ezdxf.path import bbox
+    from ezdxf.units import conversion_factor
+
+    unit = InsertUnits(drawing.units)
+    if drawing.dxfversion == DXF12 and unit == InsertUnits.Meters:  # so ezdxf has it where there is no header
+        unit = InsertUnits.Unitless
+    if unit:
+        if width_m is not None:
+            shapes.left_out["--width, as the drawing has a unit"] += 1
+        return float(conversion_factor(unit, InsertUnits.Meters))
+    if width_m is None:
+        shapes.assumed.append("metres, as it has no unit; --width M says how wide it is")
+        return 1.0
+    drawn = bbox(path for _, path in paths)
+    if not drawn.has_data or not drawn.size.x > 0:
+        raise InputError("--width: nothing in it is wide")
+    return width_m / float(drawn.size.x)
 
 
 def read_svg(root: Element) -> Shapes:

@@ -29,6 +29,7 @@ class Shapes:
     areas: Sequence[BaseGeometry] = ()
     walls: Sequence[Floats] = ()  # (k, 2) lines without thickness
     left_out: Counter[str] = field(default_factory=Counter)  # in words, and how often
+    assumed: list[str] = field(default_factory=list)  # in words: what the file does not say, or says wrongly
 
     def document(self, name: str, source: str) -> dict[str, Any]:
         """The fields of a world file."""
@@ -38,6 +39,10 @@ class Shapes:
         walls = np.vstack([np.zeros((0, 4)), *(np.hstack([line[:-1], line[1:]]) for line in self.walls)]).round(DIGITS)
         long = np.hypot(*(walls[:, 2:] - walls[:, :2]).T) > 2 * 10.0**-DIGITS
         return document | {key: rows for key, rows in (("polygons", polygons), ("walls", walls[long].tolist())) if rows}
+
+    def refusal(self, problem: object) -> str:
+        """The sentence by which they are refused, with what was assumed: that may be the cause."""
+        return f"{problem} (assumed: {'; '.join(self.assumed)})" if self.assumed else str(problem)
 
     def closed(self, width_m: float) -> Shapes:
         """With a wall in each opening of the outer walls that is at most so wide, such as a front door.

@@ -32,7 +32,7 @@ SEED = 0  # by which the starts of the preview are drawn
 class Options:
     """How a file is to be read."""
 
-    width_m: float | None = None  # of a picture
+    width_m: float | None = None  # of a picture, and of a drawing without a unit
     height_m: float = sdf.HEIGHT_M  # of the lidar, for SDF
     models: tuple[Path, ...] = ()  # folders of SDF models
     close_m: float = 0.0  # openings of the outer walls up to so wide are closed
@@ -58,12 +58,7 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
                     f"{written} is there already and of another kind; give the world another name by --out"
                 )
         shapes = read_shapes(file, options)
-        if options.close_m:
-            shapes = shapes.closed(options.close_m)
-        world = from_document(shapes.document(file.stem, file.name), out.name)
-        starts = _starts(world, options)
-    except WorldFileError as error:
-        raise InputError(f"{file}: {str(error).removeprefix(f'{out.name}: ')}") from None
+        world, starts = _checked(shapes, file, out, options)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     write_whole(out, to_yaml(world.document))
@@ -74,6 +69,7 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
         f"{size.free_m2:.1f} m2 free; {options.robots} robots can start",
         *_openings(world, starts[0], options),
     ]
+    told += [f"assumed: {what}" for what in shapes.assumed]
     told += [
         f"left out: {printable(what)}{f' ({count} times)' if count > 1 else ''}"
         for what, count in shapes.left_out.items()
@@ -101,6 +97,17 @@ def _sources(file: Path) -> set[Path]:
         if isinstance(image, str) and "\0" not in image:  # else it is no path
             found.add((file.parent / image).resolve())
     return found
+
+
+def _checked(shapes: Shapes, file: Path, out: Path, options: Options) -> tuple[World, Floats]:
+    """The world of a file's shapes, and (robots, 3) places where robots can start. Raises InputError."""
+    try:
+        if options.close_m:
+            shapes = shapes.closed(options.close_m)
+        world = from_document(shapes.document(file.stem, file.name), out.name)
+        return world, _starts(world, options)
+    except InputError as error:
+        raise InputError(shapes.refusal(str(error).removeprefix(f"{out.name}: "))) from None
 
 
 def _starts(world: World, options: Options) -> Floats:
@@ -135,7 +142,7 @@ def read_shapes(file: Path, options: Options) -> Shapes:
         return raster.read_bitmap(file, options.width_m, options.straighten, options.boundary)
     if suffix == ".dxf":  # in an encoding of its own
         check_size(file)
-        return drawings.read_dxf(file)
+        return drawings.read_dxf(file, options.width_m)
     text = read_text(file)
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
         root = sdf.parse_xml(text)

@@ -57,6 +57,7 @@ POSTS = """<sdf version='1.6'><model name='posts'><pose>5 5 0 0 0 0</pose><model
 
 
 DXF = "0\nSECTION\n2\nENTITIES\n{}0\nENDSEC\n0\nEOF\n"
+METRES = "0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1015\n9\n$INSUNITS\n70\n6\n0\nENDSEC\n"
 CIRCLE = "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n{}\n"
 
 
@@ -370,8 +371,8 @@ BAD = {
     "nul.yaml": 'image: "a\\0b.pgm"\nresolution: 0.05',
     "long.yaml": f"image: {'a' * 300}\nresolution: 0.05",
     "p.dxf": "0\nSECTION\n2\n",
-    "huge.dxf": DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
-    "many.dxf": DXF.format(CIRCLE.format(9e4) * 7),
+    "huge.dxf": METRES + DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
+    "many.dxf": METRES + DXF.format(CIRCLE.format(9e4) * 7),
     "q.txt": "7",
     "r.pgm": "P5 4 4 255\n",
     "s.png": "\x89PNG",
@@ -569,6 +570,32 @@ def test_the_case_of_a_layer_tells_nothing(tmp_path: Path) -> None:
     drawing.saveas(tmp_path / "room.dxf")
     (wall,) = drawings.read_dxf(tmp_path / "room.dxf").walls
     assert len(wall) == len(RING) + 1
+
+
+@pytest.mark.parametrize("header", ["", METRES.replace("6", "0")], ids=["no header", "unitless"])
+def test_a_drawing_without_a_unit_is_as_wide_as_is_said(tmp_path: Path, header: str) -> None:
+    """One in millimetres could not be imported, and nothing said why."""
+    file, assumed = tmp_path / "room.dxf", "assumed: metres, as it has no unit; --width M"
+    for side in (8e3, 2e5):
+        file.write_text(header + square(side))
+        assert f"({assumed}" in (message(file, AS_DRAWN) or "")
+    assert imported(file, Options(width_m=8))[1][0].startswith("room: 8.0 m x 8.0 m")
+    file.write_text(header + DXF.format(""))
+    assert "--width: nothing in it is wide" in (message(file, Options(width_m=8)) or "")
+    file.write_text(header + square(8))
+    assert imported(file)[1][1].startswith(assumed)
+
+
+def test_a_drawing_with_a_unit_keeps_it(tmp_path: Path) -> None:
+    (tmp_path / "room.dxf").write_text(METRES + square(8))
+    size, left_out, *_ = imported(tmp_path / "room.dxf", Options(width_m=5))[1]
+    assert size.startswith("room: 8.0 m x 8.0 m") and left_out == "left out: --width, as the drawing has a unit"
+
+
+def square(side: float) -> str:
+    """A drawing, without a header."""
+    ends = ((0, 0, 0, side), (0, side, side, side), (side, side, side, 0), (side, 0, 0, 0))
+    return DXF.format("".join("0\nLINE\n8\n0\n10\n{}\n20\n{}\n11\n{}\n21\n{}\n".format(*end) for end in ends))
 
 
 def test_what_is_jagged_beyond_what_a_world_may_have_is_refused_at_once(
