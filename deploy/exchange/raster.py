@@ -20,6 +20,7 @@ from shapely import affinity
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from deploy.exchange.map_server import FREE, OCCUPIED, UNKNOWN
 from deploy.exchange.shapes import Shapes
 from protocol.arrays import Bools, Floats
 from protocol.document import check_is_file
@@ -38,6 +39,7 @@ MAX_SIDES = 100_000
 10 km that a world may have."""
 BODY_M = RobotSpec().radius_m  # of the default robot: free areas too narrow for it are filled
 FRAME_CELLS = 3  # of solid around the picture
+WHITE = 255  # for free, where a picture of map_saver was edited
 DARK = 0.5  # a bitmap's pixel that is darker is solid
 ALIGNED_RAD = math.radians(0.25)  # an axis nearer to the picture's is the picture's
 LONG_CELLS = 6  # a run of an outline along the axis
@@ -72,6 +74,8 @@ def read_map_server(about: Mapping[Any, Any], folder: Path, straighten: bool) ->
         raise InputError("mode: must be trinary or scale; of other modes no threshold tells walls")
     darkness = read_darkness(folder / image, negate=bool(negate), mode=mode)
     free, occupied = darkness < free_below, darkness > occupied_above
+    unknown = free & _saved_unknown(darkness) if mode == "trinary" else np.zeros_like(free)
+    free &= ~unknown
     x, y, yaw = map(float, origin)
     if not free.any():
         raise InputError("no cell of it is free")
@@ -79,7 +83,21 @@ def read_map_server(about: Mapping[Any, Any], folder: Path, straighten: bool) ->
     area = solid_area(~free[part], occupied[part], cell, straighten, pad=FRAME_CELLS)
     area = affinity.translate(area, part[1].start * cell, part[0].start * cell)
     turned = affinity.rotate(area, yaw, origin=(0, 0), use_radians=True)
-    return Shapes([affinity.translate(turned, x, y)])
+    shapes = Shapes([affinity.translate(turned, x, y)])
+    if unknown.any():
+        shapes.assumed.append(f"grey {UNKNOWN} is unknown, as map_saver has it, though free_thresh is {free_below:g}")
+    return shapes
+
+
+def _saved_unknown(darkness: NDArray[np.float32]) -> Bools:
+    """(rows, columns) what map_saver wrote as unknown; nothing in pictures with greys that it does not write.
+
+    From Humble to Jazzy it wrote thresholds beside it by which that is free (navigation2, pull request 5278).
+    """
+    greys = np.rint(255 * (1 - darkness))
+    saved = np.isin(greys, (OCCUPIED, UNKNOWN, FREE, WHITE)).all() and (greys >= FREE).any()
+    unknown: Bools = (greys == UNKNOWN) & saved
+    return unknown
 
 
 def read_bitmap(file: Path, width_m: float, straighten: bool, boundary: bool) -> Shapes:

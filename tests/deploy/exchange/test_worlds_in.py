@@ -195,6 +195,24 @@ def test_a_map_of_map_server_is_solid_where_it_is_not_free(tmp_path: Path) -> No
     assert "39.0 m2 free" in told[0]
 
 
+@pytest.mark.parametrize(("white", "touched", "unknown"), [(254, 0, True), (255, 0, True), (254, 230, False)])
+def test_what_map_saver_left_unknown_is_not_free(tmp_path: Path, white: int, touched: int, unknown: bool) -> None:
+    """Nav2's wrote thresholds by which it is. A picture with other greys is no work of map_saver."""
+
+    def draw(image: ImageDraw.ImageDraw) -> None:
+        image.rectangle((19, 19, 180, 120), fill=0)
+        image.rectangle((20, 20, 179, 119), fill=white)
+        image.rectangle((90, 60, 109, 79), fill=0)
+        image.rectangle((91, 61, 108, 78), fill=205)
+        image.point((19, 19), fill=touched)
+
+    picture(tmp_path / "map.pgm", draw)
+    (tmp_path / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\nfree_thresh: 0.25\n")
+    world, told = imported(tmp_path / "map.yaml")
+    assert world.solid.contains(shapely.Point(5, 4.5)) == unknown
+    assert ("assumed: grey 205 is unknown, as map_saver has it, though free_thresh is 0.25" in told) == unknown
+
+
 @pytest.mark.parametrize("line", ['negate: "1"', "negate: 2", "mode: raw", "mode: 7", "mode: []"])
 def test_what_a_map_of_map_server_wants_and_is_not_done_is_refused(tmp_path: Path, line: str) -> None:
     picture(tmp_path / "map.png", lambda image: image.rectangle((20, 20, 179, 119), fill=254))
