@@ -24,6 +24,9 @@ TOLD_SD = 0.01
 STRAIGHT_SDS, TURNED_M = 3.0, 0.5
 """Since then it may have driven some metres. That it drove straight on counts as so many deviations. It may have turned
 by a radian each so many metres: round the corner of a doorway."""
+FARTHEST_M = 10_000.0
+"""Where it is no more is said of one that may have driven farther: after days of silence, or by a beacon with a tick of
+long ago, its variance was more than telemetry may hold."""
 NEARER_M = 0.5
 """Of two that are about as near to a task the first by name goes: the second must be nearer by this much."""
 
@@ -103,9 +106,9 @@ class PeerPlaces:
                 yield peer.log, *self._last_pose(tick, peer)
 
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
-        """Where a peer said that it is, own frame, and how many metres it may have driven since."""
+        """Where a peer said that it is, own frame, and how many metres it may have driven since, FARTHEST_M at most."""
         drive_m = self._speed_mps * (tick - peer.log.pose_tick) / self._rate_hz
-        return peer.log.place(peer.transform), drive_m
+        return peer.log.place(peer.transform), min(drive_m, FARTHEST_M)
 
 
 def _rows(found: Iterable[tuple[float, float, float]]) -> Floats:

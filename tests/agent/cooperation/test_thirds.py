@@ -82,6 +82,14 @@ def test_who_is_merged_is_no_stranger_after_a_while_and_all_others_are() -> None
     assert team.places.strangers_among(lately + 1, ["a", "p"])
 
 
+def test_the_place_of_who_was_silent_for_years_can_be_told() -> None:
+    """Its variance was more than a PoseReport may hold, and the robot's process ended."""
+    team = team_of({"a": PEER})
+    team.peers["a"].log.pose_tick = 0
+    (place,) = team.places.teammates(2**32 - 1)
+    assert 1e6 < place.covariance[0] < 1e9
+
+
 def test_who_has_merged_the_robots_map_says_so() -> None:
     team = team_of({"a": PEER})
     assert team.places.strange_to(["a"]) == ["a"] and not team.places.strange_to([])
