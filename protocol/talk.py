@@ -54,7 +54,7 @@ class Beacon(NamedTuple):
 class Part(NamedTuple):
     """One part of a map, or of changes to one, that fits into a message."""
 
-    version: int  # tick of the sender's map. A newer map has a higher version, even after the sender was started again
+    version: int  # tick of the sender's map. A newer map has a higher version, but where its clock was put back
     base: int  # version to which the changes apply, which the receiver has acknowledged; 0 for a whole map
     number: int  # of this part, from 0
     parts: int  # number of parts

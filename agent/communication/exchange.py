@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from agent.communication.config import TalkConfig
-from agent.communication.receiving import Known, PeerViews, ReceivedMap
+from agent.communication.receiving import CLOCK_S, Known, PeerViews, ReceivedMap
 from agent.communication.telling import LONG_AGO, Telling, Told
 from agent.period import Period, in_ticks
 from protocol.errors import ProtocolError
@@ -111,6 +111,7 @@ class Exchange:
         self._period_ticks = in_ticks(config.map_period_s, rate_hz)
         self._retry_ticks = in_ticks(config.retry_s, rate_hz)
         self._patience_ticks = in_ticks(REASSEMBLY_S, rate_hz)
+        self._clock_ticks = in_ticks(CLOCK_S, rate_hz)
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> tuple[list[News], list[Event]]:
         """Take a tick's messages: news, one of each peer that said something, in the order of `contacts`.
@@ -179,7 +180,9 @@ class Exchange:
     ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | BegunAnew | None:
         """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
-            return Beacon.decode(message.payload)
+            beacon = Beacon.decode(message.payload)
+            self._known[peer].take_clock(beacon.tick, self._clock_ticks)
+            return beacon
         if message.kind in (MAP, DELTA, RESEND):
             part = Part.decode(message.payload)
             ack, new = self._known[peer].take_part(tick, part, self._patience_ticks, self._period_ticks)

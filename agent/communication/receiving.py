@@ -23,6 +23,9 @@ KEPT_VIEWS = 6000
 others' (48 bytes each)."""
 KEPT_ENDS = 400
 """Open ends of one peer that are kept, the newest (32 bytes each): as many goals as a robot remembers."""
+CLOCK_S = 60.0
+"""Who says where it was so long before its newest map had its clock put back: no message is as late. Where that was by
+less, its next maps are soon newer."""
 
 
 class ReceivedMap(NamedTuple):
@@ -90,6 +93,14 @@ class Known:
     def is_empty(self) -> bool:
         """Whether neither a map of it is there nor a part of one."""
         return not self.maps and self.arriving is None
+
+    def take_clock(self, tick: int, slack_ticks: int) -> None:
+        """Note the tick of a place that it told, and forget maps and viewpoints of more than slack_ticks later.
+
+        They are of its process before, by another clock. Beside them all that it tells now would seem overtaken.
+        """
+        if max(self.newest, self.views_until) > tick + slack_ticks:
+            self.maps, self.arriving, self.views_until = {}, None, 0
 
     def take_part(
         self, tick: int, part: Part, patience_ticks: int, period_ticks: int

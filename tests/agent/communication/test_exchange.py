@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from agent.communication import receiving, telling
 from agent.communication.config import TalkConfig
 from agent.communication.exchange import MOST_ANSWERS, MOST_FROM_PEER, Exchange
-from agent.communication.receiving import KEPT_MAPS, Known, ReceivedMap
+from agent.communication.receiving import CLOCK_S, KEPT_MAPS, Known, ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, MTU_BYTES, Heard, Send
-from protocol.talk import ACK, DELTA, HAS_NO_MAP, MAP, MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
+from protocol.talk import ACK, BEACON, DELTA, HAS_NO_MAP, MAP, MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 
 RATE_HZ = 5.0
@@ -345,6 +345,18 @@ def test_a_sender_that_begins_anew_is_believed() -> None:
     pair.show(comb(3))
     pair.run(80)
     assert pair.agrees()
+
+
+@pytest.mark.parametrize("ahead_s", [30.0, 1e6])
+def test_a_sender_whose_clock_was_ahead_is_heard_again_once_that_is_put_right(ahead_s: float) -> None:
+    """Its maps had lower versions than those before, and were never taken again."""
+    robot, data, taken = Exchange(TalkConfig(), RATE_HZ, MTU_BYTES), encode_map(quantise(comb(3), 10, 0)).data, []
+    for tick, ahead in ((100, round(ahead_s * RATE_HZ)), (200, 0), (300, 0), (400, 0)):
+        theirs = tick + ahead
+        said = [(BEACON, Beacon(theirs, (0.0, 0.0, 0.0)).encode()), (MAP, Part(theirs, 0, 0, 1, data).encode())]
+        news, _ = robot.hear(tick, [Heard(tick=tick, sender="b", kind=kind, payload=one) for kind, one in said])
+        taken += [one.map.tick for one in news if one.map is not None]
+    assert taken == ([100, 300, 400] if ahead_s < CLOCK_S else [100, 200, 300, 400])
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 0), (0.3, 1), (0.3, 2), (0.5, 3)])
