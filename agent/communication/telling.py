@@ -86,6 +86,8 @@ class Told:
         has_begun_anew = ack == HAS_NO_MAP and self.acked > 0 and not self.parts and not may_be_late
         if ack.version not in self.maps and not has_begun_anew:
             return False  # an answer to an earlier process of this name, or to a version given up since
+        if ack.missing is None and not has_begun_anew and not self._goes_as_changes(ack.version):
+            return False  # who is told the whole needs no base
         if ack.missing is None:  # the peer has lost its base: the whole map goes again
             self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
         elif ack.missing:
@@ -97,6 +99,10 @@ class Told:
             self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
             self.parts = [p for p in self.parts if p.version > ack.version]
         return ack.missing is None
+
+    def _goes_as_changes(self, version: int) -> bool:
+        """Whether a version is the newest one, and was told as changes."""
+        return any(part.base > 0 and part.version == version for part in self.whole)
 
 
 def _contradict(one: Pose | None, other: Pose | None) -> bool:

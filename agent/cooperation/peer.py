@@ -78,6 +78,12 @@ class PeerLog:
     """Walls that the owners saw themselves, of the own map and of the peer's, at the last alignment."""
     growth: float = 0.0
     """Share of them that one map must gain before the next alignment."""
+    begun_with: ReceivedMap | None = None
+    """Its map when both were last forgotten, as it was started anew, or seemed to be."""
+    rejections: int = 0
+    """Proposals that were rejected since it was last merged."""
+    rests_until: int = 0
+    """Tick before which nothing is proposed if it is started anew, as many were."""
     is_off_map: bool = False
     """Whether it was far from all walls of its own map when an alignment was last due."""
     explained: int = 0
@@ -165,9 +171,11 @@ class PeerLog:
         self.sighting_is_news, self.explained, self.explained_by_proposal = False, 0, 0
         self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
         self.thirds_on_trial, self.thirds_tried, self.thirds_map, self.circles_open = 0, None, None, 0
-        self.encounters, self.aligned_walls, self.growth = [], (0, 0), 0.0
+        self.encounters = []
         if self.map is not None and self.map.tick < since:
             self.map_is_old = True
+        if self.map_is_old or self.map is not self.begun_with:  # else the same map is aligned for each jump
+            self.aligned_walls, self.growth, self.begun_with = (0, 0), 0.0, self.map
         if self.waiting is not None and self.waiting.tick < since:
             self.waiting, self.waits = None, False
 

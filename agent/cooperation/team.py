@@ -59,6 +59,9 @@ REFINE_S = 4.0
 """Least interval between two fits of a merged peer's transform."""
 ALONE_S = 20.0
 """Who was not heard for so long is not in view, as who is in view sends a beacon every 5 s."""
+REST_S, RESTS = 30.0, (0, 0, 0, 0, 1, 3, 7, 15)
+"""Where one, two, ... proposals of a peer were rejected since it was last merged, a restart or a jump brings no new one
+for so many times so long: a hostile peer that began anew again and again kept a robot driving."""
 EMPTY_LOOKS = 4
 """Looks in a row at free floor where a merged teammate must be before the merge is undone: one in ten misses it."""
 
@@ -192,7 +195,7 @@ class Team:
         log.began_anew = True
         peer = self.peers[log.name]
         if isinstance(peer, Proposed):
-            self._reject(peer, "it was started anew")
+            self._reject(tick, peer, "it was started anew")
         elif isinstance(peer, Merged):
             self._replace(peer, doubted(peer, tick))
 
@@ -312,7 +315,8 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        if not log.has_place:
+        begins = isinstance(peer, Unaligned) and log.aligned_walls == (0, 0)  # or begins anew
+        if not log.has_place or (begins and tick < log.rests_until):
             return False
         if isinstance(peer, Unaligned) and self._align_by_word(peer, own):
             return True
@@ -471,7 +475,7 @@ class Team:
                 peer.waits_since = None
                 self.queue.add(peer)
         if ended := self.queue.set_out(tick, pose):
-            self._end_drive(*ended)
+            self._end_drive(tick, *ended)
 
     def _decide(self, tick: int, own: Wireframe) -> None:
         """Accept and reject the proposals whose evidence suffices."""
@@ -479,12 +483,12 @@ class Team:
             verdict, spare = peer.trial.verdict, peer.trial.weight - self.config.verification.accept
             must_overlap = peer.log.began_anew or not peer.trial.thirds_suffice
             if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, must_overlap, spare):
-                self._reject(peer, "its walls do not fit")
+                self._reject(tick, peer, "its walls do not fit")
             elif verdict:
                 merged = self.merge(peer, tick, own)
                 self._say("accepted", peer.log, "the evidence decides", merged.transform, peer.trial.figures())
             elif verdict is not None:
-                self._reject(peer, "the evidence decides")
+                self._reject(tick, peer, "the evidence decides")
 
     def _close_circles(self, own: Wireframe) -> None:
         """Put the weakest link on trial again where circles of three do not close: each link once, till more are open.
@@ -503,17 +507,19 @@ class Team:
         peer.log.circles_open = -balance
         self.propose(Unaligned(peer.log), pose_of(peer.transform), own, figures, how="on trial again")
 
-    def _end_drive(self, peer: Proposed, reason: str) -> None:
+    def _end_drive(self, tick: int, peer: Proposed, reason: str) -> None:
         """A drive has decided nothing: the proposal waits for a sighting, if nothing else can decide, or ends."""
         if peer.trial.asks_for_a_sighting:
             self.queue.remove(peer)
             peer.waits_since = peer.log.first_encounter
         else:
-            self._reject(peer, reason)
+            self._reject(tick, peer, reason)
 
-    def _reject(self, peer: Proposed, reason: str) -> None:
+    def _reject(self, tick: int, peer: Proposed, reason: str) -> None:
         self.queue.remove(peer)
         self._forget_transform(peer)
+        peer.log.rejections += 1
+        peer.log.rests_until = tick + self._ticks(REST_S) * RESTS[min(peer.log.rejections, len(RESTS)) - 1]
         self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
     def _forget_transform(self, peer: Proposed | Merged) -> None:
@@ -524,6 +530,7 @@ class Team:
         """Make the map of a peer of the queue part of the robot's: T = T + transform, fitted on all walls."""
         self.queue.remove(peer)
         merged = self.peers[peer.log.name] = merge(peer, tick, own)
+        peer.log.rejections = 0
         self.changed = True
         return merged
 

@@ -330,6 +330,18 @@ def test_nobody_begins_anew_whose_answers_are_all_lost() -> None:
     assert len(known.maps) == KEPT_MAPS + 1
 
 
+def test_who_is_told_a_whole_map_cannot_lack_its_base() -> None:
+    """A hostile peer that said so of each map began anew each time, and was told it again."""
+    pair = Pair()
+    for rooms, kind in ((20, MAP), (21, DELTA)):
+        pair.show(comb(rooms))
+        pair.run(30)
+        told = [Part.decode(send.payload) for _, _, send in pair.sent if send.kind == kind]
+        lacks = Heard(tick=pair.tick, sender="b", kind=ACK, payload=Ack(told[-1].version, None).encode())
+        news, _ = pair.robots["a"].hear(pair.tick, [lacks])
+        assert [one.anew is not None for one in news] == [kind == DELTA]
+
+
 def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:
     for wants_maps in (True, False):
         pair = Pair(wants_maps=wants_maps)  # neither has any wall

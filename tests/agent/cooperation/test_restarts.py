@@ -1,5 +1,7 @@
 """A peer that is started anew, perhaps in another frame, says so, or its place jumps: what may hold no more ends."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -128,3 +130,26 @@ def test_a_map_of_the_frame_before_takes_the_doubt_about_a_merge_not_back() -> N
     team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), MET, OWN)
     peer = hear(team, HEARD + 15, AFTER, anew=MET)  # by its tick it may be of the new process, by its place it is not
     assert log.map_is_old and isinstance(peer, Merged) and peer.refused == REFUSED_MAPS - 1
+
+
+def test_who_begins_anew_again_and_again_is_proposed_ever_less_often() -> None:
+    """A hostile peer that said so every 5 s kept a robot driving, 60 times in five minutes."""
+    team, log = known()
+    later, proposed = range(HEARD + 25, HEARD + 1500, 25), []
+    for tick in later:
+        hear(team, tick, BEFORE, anew=tick, received=of(BEFORE, tick))
+        proposed += [tick for event in team.events if event.event == "proposed"]
+    waited = np.diff(proposed)
+    assert (waited[:4] == 25).all() and (waited[4:] >= [150, 450]).all()
+    team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), later.stop, OWN)
+    assert log.rejections == 0
+
+
+def test_one_map_is_not_aligned_for_each_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who tells places of long ago may have a map that is newer than each of them."""
+    team, _ = known(HEARD + 1000)
+    align = Mock(wraps=team.aligner.align)
+    monkeypatch.setattr(team.aligner, "align", align)
+    for k in range(1, 7):
+        hear(team, HEARD + k, (BEFORE, AFTER)[k % 2])
+    assert 1 <= align.call_count <= 2
