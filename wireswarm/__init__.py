@@ -17,7 +17,8 @@ from wireswarm.interrupts import leave_at_once
 
 # Programs of others keep their Ctrl-C. While a package is imported for -m, argv[0] is that, whatever package it is.
 _PROGRAM = sys.orig_argv[-len(sys.argv) :][0] if sys.argv[0] == "-m" else Path(sys.argv[0]).name
-if _PROGRAM.removeprefix("-m") == "wireswarm":
+_IS_OURS = _PROGRAM.removeprefix("-m") == "wireswarm"
+if _IS_OURS:
     leave_at_once()  # before more is imported
 
 from importlib import import_module
@@ -43,9 +44,9 @@ _HOMES |= dict.fromkeys(("parallel_env", "vector_env"), "wireswarm.environment")
 try:
     check_packages()
 except ForeignPackageError as _error:
-    if Path(sys.argv[0]).stem != "wireswarm":
+    if not _IS_OURS:
         raise
-    print(f"wireswarm: {_error}", file=sys.stderr)  # the command's script imports this package before anything else
+    print(f"wireswarm: {_error}", file=sys.stderr)  # the command imports this package before anything else
     sys.exit(2)
 
 

@@ -3,9 +3,12 @@
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing import forkserver, resource_tracker, util
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from protocol import temporary
@@ -40,9 +43,29 @@ def begin() -> None:
     resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is the launcher's
     try:
-        forkserver.ensure_running()
+        with searching_as_here():
+            forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+@contextmanager
+def searching_as_here() -> Iterator[None]:
+    """A Python that is started inside looks for modules first where this one does.
+
+    With -c or -m it would look into the working folder, where somebody may have an `agent` or a `world` of his own.
+    """
+    there = os.pathsep.join([str(Path(sys.path[0]).absolute()), *filter(None, [os.environ.get("PYTHONPATH")])])
+    changed = {"PYTHONSAFEPATH": "1", "PYTHONPATH": there}
+    before = {name: os.environ.get(name) for name in changed}
+    os.environ.update(changed)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
 
 
 def kill() -> "list[psutil.Process]":

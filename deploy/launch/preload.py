@@ -1,6 +1,7 @@
 """What all processes of a run have in common; imported once, by the server that they are forked from."""
 
 import gc
+import os
 import sys
 from pickle import UnpicklingError
 from types import TracebackType
@@ -26,6 +27,7 @@ def _load() -> None:
 
     rehearse()
     leash.let_go()
+    os.environ.pop("PYTHONSAFEPATH", None)  # of `forks.searching_as_here`: what a mind starts searches as it is used to
     gc.freeze()
     gc.enable()
 

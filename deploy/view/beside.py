@@ -8,6 +8,7 @@ from pathlib import Path
 
 from typer import Exit
 
+from deploy.launch.forks import searching_as_here
 from deploy.launch.interrupts import on_interrupt
 from protocol.command import say
 from protocol.status import Status
@@ -24,7 +25,8 @@ def beside(run: Path) -> Iterator[None]:
     (`forks.kill`): it ends with its parent, and takes its temporary folder along.
     """
     command = [sys.executable, "-m", "wireswarm", "view", str(run), "--beside"]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, start_new_session=True)
+    with searching_as_here():
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, start_new_session=True)
     assert process.stdout is not None
     try:
         process.stdout.readline()  # READY, so that it misses nothing; or its end

@@ -41,9 +41,10 @@ def test_the_sentence_says_what_is_wrong_where_it_lies_and_what_to_do(tmp_path: 
     script.parent.mkdir()
     script.write_text(SCRIPT)
     sentence = f"another package `{name}` at {other} hides wireswarm's own at {HOME / name}: rename it, "
-    command = python(str(script), "--version", first=other.parent)
-    assert command.returncode == 2 and command.stdout == ""
-    assert command.stderr.startswith(f"wireswarm: {sentence}") and command.stderr.count("\n") == 1
+    for called in ([str(script)], ["-m", "wireswarm"]):
+        command = python(*called, "--version", first=other.parent)
+        assert command.returncode == 2 and command.stdout == ""
+        assert command.stderr.startswith(f"wireswarm: {sentence}") and command.stderr.count("\n") == 1
     imported = python("-c", "import wireswarm", first=other.parent)
     assert imported.returncode == 1
     assert imported.stderr.splitlines()[-1].startswith(f"wireswarm.guard.ForeignPackageError: {sentence}")

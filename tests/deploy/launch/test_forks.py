@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -32,6 +33,35 @@ ours, theirs = (subprocess.Popen(["sleep", "1"], start_new_session=alone) for al
 forks.kill()
 print(ours.wait(), theirs.wait())
 """
+
+
+BESIDE_ANOTHER_AGENT = """
+import sys
+from agent.shell.mind import minds_of
+from deploy.launch import forks
+from deploy.view.beside import beside
+from pathlib import Path
+if __name__ == "__main__":
+    forks.begin()
+    process = forks.CONTEXT.Process(target=minds_of, args=({},))
+    process.start()
+    process.join()
+    with beside(Path("run")):
+        print(process.exitcode, forks.os.environ.get("PYTHONSAFEPATH"))
+"""
+
+
+def test_packages_of_our_names_in_the_working_folder_are_not_taken_for_ours(tmp_path: Path) -> None:
+    """As somebody has who writes minds: a run ended with a traceback."""
+    for name in ("agent", "world"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not ours')")
+    (script := tmp_path / "bin" / "wireswarm").parent.mkdir()
+    script.write_text(BESIDE_ANOTHER_AGENT)
+    environment = os.environ | {"PYTHONPATH": str(REPO)}
+    said = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert (said.returncode, said.stdout, said.stderr) == (0, "0 None\n", "")
 
 
 def test_a_robot_imports_nothing_of_its_own() -> None:
