@@ -1,6 +1,7 @@
 """The configuration of a whole run."""
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -9,9 +10,13 @@ from pydantic import ValidationInfo, model_validator
 from agent.config import ProcessConfig
 from agent.shell.ros2.config import Ros2Config
 from protocol import configuration
+from protocol.configuration import ConfigError
 from protocol.messages import EVERYONE
 from protocol.settings import is_to_come
 from world.config import ServerConfig, WorldConfig
+
+ONE_PROCESS = ("server.begin_with", "server.real_time")
+"""Settings by which a run with processes differs, and one process has no use for."""
 
 
 class RunConfig(WorldConfig, ProcessConfig):
@@ -36,6 +41,14 @@ class RunConfig(WorldConfig, ProcessConfig):
         if is_to_come(info) and (first := self.server.begin_with) is not None and first > self.robots:
             raise ValueError(f"server.begin_with: {first} robots are more than the {self.robots} that take part")
         return self
+
+
+def check_heeded(config: RunConfig, keys: Sequence[str], by: str) -> None:
+    """Raise ConfigError where a setting, by dotted key, is not as by default: `by` has no use for these."""
+    default = RunConfig()
+    for key in keys:
+        if attrgetter(key)(config) != attrgetter(key)(default):
+            raise ConfigError(f"{key}: {by} has no use for it, so leave it out")
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from pettingzoo import ParallelEnv
 
+from deploy.config import check_heeded
 from protocol.configuration import ConfigError
 from protocol.messages import EVERYONE, Action, Send
 from wireswarm.settings import settings_of
@@ -31,6 +32,8 @@ KIND = "message"
 ALL = 1.0 - 1e-9
 EPISODE_S = 600.0
 """Simulated seconds of an episode. One robot of ours alone sees 99 % of any bundled world's walls in less."""
+OF_OUR_ROBOTS = ("mind", "faults")
+"""Settings of minds, and of their processes: whoever learns drives the robots of an environment."""
 
 
 def parallel_env(
@@ -53,14 +56,18 @@ def parallel_env(
     if until is None and "until" not in (settings or {}):
         until = EPISODE_S
     given = {"world": world, "robots": robots, "seed": seed, "until": until}
-    return Environment(settings_of(given, settings), message_bytes)
+    config = settings_of(given, settings)
+    check_heeded(config, OF_OUR_ROBOTS, "an environment")
+    return Environment(config, message_bytes)
 
 
 def vector_env(worlds: int, *args: Any, **named: Any) -> WorldVector:
     """So many worlds in this process, each with seeds of its own, as one environment of Gymnasium.
 
-    The further arguments are those of `parallel_env`.
+    The further arguments, and what it raises, are those of `parallel_env`.
     """
+    if worlds < 1:
+        raise ConfigError(f"worlds: at least 1, not {worlds}")
     return WorldVector([parallel_env(*args, **named) for _ in range(worlds)])
 
 

@@ -43,7 +43,7 @@ def run(
     loaded = settings_of({"world": world, "robots": robots, "seed": seed, "until": until}, settings, file)
     with temporary_folder() as temporary:
         directory = temporary / "run" if out is None else Path(out)
-        if directory.exists() and any(directory.iterdir()):
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileExistsError(f"{directory}: something is there already")
         inprocess.run(loaded, loaded.agent, directory, progress, minds_of(loaded.mind))
         return read_run(directory)

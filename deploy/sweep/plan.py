@@ -14,13 +14,13 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from agent.shell.mind import source_of
-from deploy.config import RunConfig
+from deploy.config import ONE_PROCESS, RunConfig, check_heeded
 from protocol.configuration import ConfigError, is_world, put, validated
 from protocol.document import read_document
 from protocol.errors import InputError
 from protocol.settings import MAX_NUMBER, Config
 from world.maze import GENERATED
-from world.worldfile import bundled, load
+from world.worldfile import LISTS, bundled, load
 
 MAX_RUNS = 100_000  # more are a typing error
 PLANNED = ("world", "seed")
@@ -82,7 +82,7 @@ class Job(NamedTuple):
     config: Mapping[str, Any]
     """The whole configuration, as JSON values."""
     world: Any = None
-    """The world file's document; None for a bundled or generated world."""
+    """Fields of the world's file; None for a bundled or generated world."""
     hashes: Mapping[str, str] = {}
     """Columns of the result that tell which world's file and minds of your own it is of; empty where there are none."""
 
@@ -112,7 +112,7 @@ def read_jobs(file: Path) -> list[Job]:
 
 
 def _world(folder: Path, name: str) -> Any:
-    """The document of a world's file; None for a bundled or generated world. Raises WorldFileError.
+    """The fields of a world's file that are of a world; None for a bundled or generated one. Raises WorldFileError.
 
     Files are seen from the folder only: workers do not have what is in this process's.
     """
@@ -120,7 +120,8 @@ def _world(folder: Path, name: str) -> Any:
         load(name)
         return None
     load(file := folder / name)
-    return read_document(file)
+    document = read_document(file)
+    return {key: document[key] for key in ("name", "units", *LISTS) if key in document}
 
 
 def _points(plan: SweepFile) -> Iterator[Settings]:
@@ -205,10 +206,12 @@ def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[J
     tree: dict[str, Any] = {}
     for key, value in settings.items():
         put(tree, key, value)
-    whole = validated(RunConfig, tree).model_dump(mode="json")
+    config = validated(RunConfig, tree)
+    check_heeded(config, ONE_PROCESS, "a sweep, of whose runs each is one process,")
+    whole = config.model_dump(mode="json")
     minds = _source_hashes(whole["mind"])
     hashes = {"world.hash": _hash(document), "mind.hash": _hash(minds)}
     for seed in seeds:
-        config = whole | {"seed": seed}
-        text = json.dumps([config, document, *([minds] if minds else [])], sort_keys=True)
-        yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, config, document, hashes)
+        seeded = whole | {"seed": seed}
+        text = json.dumps([seeded, document, *([minds] if minds else [])], sort_keys=True)
+        yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, seeded, document, hashes)

@@ -96,6 +96,14 @@ def test_settings_say_what_no_argument_does() -> None:
         wireswarm.parallel_env(until=2.0, settings=settings)
 
 
+def test_settings_that_an_environment_cannot_heed_are_refused() -> None:
+    for key, value in (("mind", {"*": "a:A"}), ("faults", ["r1@3"]), ("server.real_time", 1.0)):
+        with pytest.raises(ConfigError, match=rf"^{key}: .* has no use for it, so leave it out$"):
+            wireswarm.parallel_env("apartment", settings={key: value})
+    with pytest.raises(ConfigError, match=r"^worlds: at least 1, not 0$"):
+        wireswarm.vector_env(0, "apartment")
+
+
 def test_what_is_no_action_is_a_sentence() -> None:
     with pytest.raises(ConfigError, match=r"message_bytes: 0 to radio\.mtu_bytes, 1200, not 1201"):
         wireswarm.parallel_env("apartment", 1, message_bytes=1201)

@@ -119,6 +119,9 @@ def test_what_is_asked_wrongly_is_one_sentence(tmp_path: Path) -> None:
         wireswarm.Run(tmp_path).map("r1", frame="bogus")  # type: ignore[arg-type]
     with pytest.raises(NotADirectoryError, match="is no run directory"):
         wireswarm.load(tmp_path / "absent")
+    with pytest.raises(ConfigError, match=r"^server\.begin_with: a run in one process has no use for it"):
+        wireswarm.run(settings={"server.begin_with": 1})
     (tmp_path / "file").touch()
-    with pytest.raises(FileExistsError, match="something is there already"):
-        wireswarm.run(out=tmp_path)
+    for out in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileExistsError, match="something is there already"):
+            wireswarm.run(out=out)

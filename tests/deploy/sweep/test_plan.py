@@ -69,6 +69,14 @@ def test_the_key_follows_from_the_configuration_and_the_content_of_the_world(tmp
     assert first.key == same.key and len({first.key, other.key, moved.key}) == 3
 
 
+def test_what_is_no_field_of_a_world_counts_for_nothing(tmp_path: Path) -> None:
+    """Keys of several types in it ended the sweep with a traceback."""
+    (before,) = read_jobs(write_sweep(tmp_path, "worlds: [tiny.yaml]"))
+    with (tmp_path / "tiny.yaml").open("a") as world:
+        world.write("notes: {1: a, b: c}\n")
+    assert read_jobs(tmp_path / "sweep.yaml") == [before]
+
+
 def test_the_key_follows_from_the_source_of_a_mind_of_your_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
     mind = tmp_path / "standing_mind.py"
@@ -121,6 +129,7 @@ def test_the_thousand_runs_of_the_docs_are_a_thousand() -> None:
         ("settings: {spec.lidar.beams: 9}\ngrid: {spec.lidar: [{}]}", "spec.lidar and spec.lidar.beams: one would"),
         ("grid: {spec.lidar.beams: [9]}\ncases: [{spec.lidar: {}}]", "spec.lidar and spec.lidar.beams: one would"),
         ("settings: {spec: {}, spec.lidar.beams: 9}", "spec and spec.lidar.beams: one would"),
+        ("settings: {server.real_time: 1}", "server.real_time: a sweep, of whose runs each is one process, has no use"),
         ("worlds: [nowhere]", "nowhere: neither a file nor a bundled world"),
         ("seeds: -1", "seeds: "),
         ("drawn: {count: 1, settings: {robots: {low: 3, high: 1}}}", "drawn.settings.robots: from low to high"),
