@@ -17,6 +17,8 @@ ACROSS = 3
 """Panels side by side: as wide as a page of a screen."""
 PANEL_IN, ROW_IN, AROUND_IN = 3.6, 0.4, 0.9
 """Width of a panel, height of a line in it, and of its title and axis."""
+MOST_LINES = 100
+"""Of a panel: more are for the table. With 460 a picture of seven measures is higher than Matplotlib draws."""
 
 
 class Panel(NamedTuple):
@@ -48,13 +50,17 @@ def titled(measure: str) -> str:
 def draw(title: str, axis: str, panels: Sequence[Panel], file: Path) -> None:
     """A PNG of the panels, under a title. axis: what the labels are values of. Raises UnwritableError.
 
+    Of panels with more than MOST_LINES it has the first ones, and says so.
     An infinite end of an interval is the panel's edge, and an infinite figure has no point.
     """
     from matplotlib.figure import Figure
 
+    if (lines := max(len(panel.rows) for panel in panels)) > MOST_LINES:
+        title += f", the first {MOST_LINES} lines of {lines}"
+        panels = [panel._replace(rows=panel.rows[:MOST_LINES]) for panel in panels]
     across = min(ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
-    tall = AROUND_IN + ROW_IN * max(len(panel.rows) for panel in panels)
+    tall = AROUND_IN + ROW_IN * min(lines, MOST_LINES)
     figure = Figure((PANEL_IN * across + 2, tall * down + 0.5), layout="constrained")
     figure.suptitle(title, fontsize=10, parse_math=False)
     places = figure.subplots(down, across, squeeze=False).ravel()

@@ -88,9 +88,10 @@ def _there(rows: Iterable[Row], keys: Iterable[str]) -> str:
     for row in rows:
         for key, value in _settings(row, values).items():
             if key in values:
-                values[key].add(_plain(value))
+                values[key].add(value)
     told = [
-        f"{key} is {', '.join(sorted(found)):.200}" if found else f"no run has {key}" for key, found in values.items()
+        f"{key} is {', '.join(map(_plain, sorted(found, key=_rank))):.200}" if found else f"no run has {key}"
+        for key, found in values.items()
     ]
     return "".join(f"; {one}" for one in told)
 
@@ -153,11 +154,12 @@ def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
     Raises InputError for a measure that no run has, and where two runs are alike in their seed, too.
     """
     _check(measures, rows)
-    groups: defaultdict[Point, list[Row]] = defaultdict(list)
+    groups: dict[Point, list[Row]] = defaultdict(list)
     (points,) = _points(rows)
     for point, row in _by_point(rows, points, []).items():
         groups[_without(point, ["seed"])].append(row)
     varied = _varied(list(groups))
+    groups = dict(sorted(groups.items(), key=lambda group: [_rank(dict(group[0]).get(key, "")) for key in varied]))
     heads = [*varied, "runs", "failed"]
     lines: list[list[str | int | Estimate | None]] = []
     for point, alike in groups.items():
@@ -244,12 +246,12 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
     for row in rows:
         by_value[_settings(row, [key]).get(key, "")].append(row)
     if value not in by_value or len(by_value) < 2:
-        there = ", ".join(sorted(_plain(one) or "none" for one in by_value))
+        there = ", ".join(_plain(one) or "none" for one in sorted(by_value, key=_rank))
         raise InputError(
             f"--against {wish:.200}: there must be runs with it, and with another value; there are {there:.300}"
         )
     base, sheets = by_value.pop(value), []
-    pairs = {other: _pairs(those, base, [key]) for other, those in sorted(by_value.items())}
+    pairs = {other: _pairs(by_value[other], base, [key]) for other in sorted(by_value, key=_rank)}
     if not any(pairs.values()):
         raise InputError(f"--against {wish:.200}: no run with it and none with another value {ALIKE}")
     for other, those in pairs.items():
@@ -290,6 +292,14 @@ def _varied(points: Sequence[Point]) -> list[str]:
     """Settings that not all have, or not with one value."""
     keys = sorted({key for point in points for key, _ in point})
     return [key for key in keys if len({dict(point).get(key) for point in points}) > 1]
+
+
+def _rank(value: str) -> tuple[float, str]:
+    """Where JSON stands in a table: nothing first, then numbers by size, then texts."""
+    try:
+        return (-math.inf, "") if value in ("", "null") else (float(value), value)
+    except ValueError:
+        return math.inf, value
 
 
 def _plain(value: str) -> str:
@@ -393,8 +403,9 @@ def show(sheets: Sequence[Sheet], out: Path | None) -> None:
         console.print(table)
     if out is None:
         return
-    for sheet in sheets:
-        stem = out / sheet.title.split(" ")[0].lower()
+    stems = [out / sheet.title.split(" ")[0].lower() for sheet in sheets]
+    for sheet, stem in zip(sheets, stems, strict=True):
         write_whole(stem.with_suffix(".csv"), to_csv(sheet))
         write_whole(stem.with_suffix(".tex"), to_latex(sheet))
+    for sheet, stem in zip(sheets, stems, strict=True):  # last, as pictures take the longest
         draw(sheet, stem.with_suffix(".png"))

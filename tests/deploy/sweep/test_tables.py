@@ -97,6 +97,17 @@ def test_medians_are_over_the_seeds_of_runs_that_are_alike(folder: Path) -> None
     assert [line[3].value for line in (short, long)] == [104.5, 94.5]  # type: ignore[union-attr]
 
 
+def test_lines_stand_in_the_order_of_their_values(folder: Path) -> None:
+    """They stood in that of hashes, or of texts."""
+    store = Store(folder / "abc", "abc")
+    for range_m in (10, None, 0.5):
+        settings = json.dumps({"world": "office", "radio.range_m": range_m, "seed": 0})
+        store.keep(row(3, 0, 1.0, 1.0) | {"settings": settings, "key": f"{range_m}"})
+    rows = select(str(folder))[0]
+    assert [line[0] for line in medians(rows, NAMES).lines] == ["null", "0.5", "2", "4", "10"]
+    assert [line[0] for line in against(rows, "radio.range_m=2", ["team.t_90"]).lines] == ["null", "0.5", "4", "10"]
+
+
 def asked(text: str, folder: Path, t_90: float) -> None:
     """Keep a result for each run of a sweep's file that is not there yet, as if it had been made."""
     store = Store(folder / "abc", "abc")
@@ -340,6 +351,14 @@ def test_each_measure_of_differences_has_its_own_axis_unit_and_zero(
 def test_a_picture_of_many_measures_is_no_wider_than_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sheet = Sheet("Medians", ["failed", *"abcdefg"], [[0, *[Estimate(1.0, 0.0, 2.0)] * 7]])
     assert drawn(sheet, tmp_path, monkeypatch).get_size_inches()[0] < 14
+
+
+def test_a_picture_has_no_more_lines_than_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was an error, and the tables after it were lost."""
+    sheet = Sheet("Medians", ["failed", "a"], [[0, Estimate(float(k), None, None)] for k in range(460)])
+    figure = drawn(sheet, tmp_path, monkeypatch)
+    assert figure.get_suptitle() == "Medians, the first 100 lines of 460"
+    assert len(figure.axes[0].get_yticks()) == 100 and figure.get_size_inches()[1] < 50
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
