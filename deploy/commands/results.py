@@ -37,10 +37,17 @@ def report(run: RunDirectory, pairs: Pairs = False) -> None:
     from deploy import manifest
     from deploy.report import write_report
     from deploy.terminal.live import print_summary
+    from protocol.files import UnwritableError
 
-    made = write_report(run)
+    made = None
+    try:
+        made = write_report(run)
+    except UnwritableError as error:
+        say(str(error))
     if not manifest.is_of_logs(run):
         print_summary(run, pairs)
+    if made is None:
+        raise Exit(Status.FAILURE)
     tell(printable(str(made)))
 
 
@@ -51,14 +58,23 @@ def bandwidth(
 ) -> None:
     """Measure what finished runs sent, and what their maps would have cost in other forms."""
     from deploy.bandwidth.tables import document, print_tables
+    from protocol.errors import InputError
+    from protocol.files import UnwritableError
 
-    documents = []
+    documents, status = [], Status.OK
     for run in runs:
-        documents.append(document(run, measure_bandwidth(run)))
-        if not as_json:
-            print_tables(documents[-1])
-    if as_json:
+        try:
+            measurement = _measured(run)
+            documents.append(document(run, measurement))
+            if not as_json:
+                print_tables(documents[-1])
+            _keep(run, measurement)
+        except (InputError, UnwritableError) as error:  # the others do not wait for it
+            say(str(error))
+            status = max(status, Status.USAGE if isinstance(error, InputError) else Status.FAILURE)
+    if as_json and documents:
         print(json.dumps(documents, indent=1))
+    raise Exit(status)
 
 
 def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) -> Status:
@@ -111,14 +127,22 @@ def leave(run: Path, made: list[Path]) -> None:
     forks.leave(Status.INTERRUPTED)
 
 
-def measure_bandwidth(run: Path) -> Measurement:
-    """What other forms of the maps would have cost, added to bandwidth.json, and its plots."""
-    from deploy.bandwidth.plots import draw
+def measure_bandwidth(run: Path) -> None:
+    """Add what other forms of the maps would have cost to bandwidth.json, and draw it."""
+    _keep(run, _measured(run))
+
+
+def _measured(run: Path) -> Measurement:
     from deploy.bandwidth.pool import processes
-    from deploy.bandwidth.representations import measure, write
+    from deploy.bandwidth.representations import measure
 
     with processes() as pool:
-        measurement = measure(run, pool=pool)
+        return measure(run, pool=pool)
+
+
+def _keep(run: Path, measurement: Measurement) -> None:
+    from deploy.bandwidth.plots import draw
+    from deploy.bandwidth.representations import write
+
     write(run, measurement)
     draw(run, measurement)
-    return measurement

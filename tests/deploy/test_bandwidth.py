@@ -30,6 +30,7 @@ from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
 from deploy.sensing import IDEAL
+from protocol.files import UnwritableError
 from protocol.messages import EVERYONE, Action, Heard, Observation, RobotSpec, Send
 from tests.tiny import tiny_config
 from world.checkpoint import Checkpoint
@@ -220,6 +221,20 @@ def test_the_command_prints_and_keeps_the_figures(recorded: tuple[Path, RunConfi
     table = CliRunner().invoke(app, ["bandwidth", str(out)]).stdout
     assert all(name in table for name in NAMES) and "beacon" in table and "coded as ours" in table
     read_books(out)  # still balanced
+
+
+def test_a_run_that_cannot_be_measured_or_written_costs_no_other_its_figures(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(run: Path, measurement: Measurement) -> None:
+        raise UnwritableError((run / "bandwidth.json", "Read-only file system"))
+
+    out, _, _ = recorded
+    monkeypatch.setattr(representations, "write", refuse)
+    monkeypatch.setattr("deploy.commands.results._measured", measure)  # in this process
+    done = CliRunner().invoke(app, ["bandwidth", str(tmp_path), str(out), "--json"])
+    assert done.exit_code == 2 and [one["run"] for one in json.loads(done.stdout)] == [str(out)]
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["wireswarm"] * 2
 
 
 def test_without_settings_of_the_robots_the_table_says_by_what_full_is_coded(

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import inprocess
+from deploy.cli import app
 from deploy.commands.results import write_results
 from protocol.files import UnwritableError
 from protocol.status import Status
@@ -138,6 +140,8 @@ def test_a_run_without_its_report_has_not_ended_as_asked(
     assert write_results(tmp_path / "out") == Status.FAILURE
     assert write_results(tmp_path / "out", status=Status.INCOMPLETE) == Status.INCOMPLETE
     assert f"cannot write {tmp_path}/out/report.png: No space left on device" in capsys.readouterr().err
+    again = CliRunner().invoke(app, ["report", str(tmp_path / "out")])
+    assert again.exit_code == Status.FAILURE and "team" in again.stdout
 
 
 @needs_mounts
