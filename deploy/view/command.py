@@ -42,7 +42,8 @@ def newest() -> Path:
     begun = list[tuple[str, Path]]()
     for file in RUNS.glob("*/world.yaml"):
         with suppress(InputError):
-            begun.append((str(manifest.read(file.parent).get("start")), file.parent))
+            if isinstance(start := manifest.read(file.parent).get("start"), str):  # else it is damaged
+                begun.append((start, file.parent))
     if not begun:
         raise InputError(f"{RUNS}/ has no run: name a run directory")
     return max(begun)[1]

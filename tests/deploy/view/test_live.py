@@ -295,6 +295,7 @@ def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch
         (folder / "world.yaml").touch()
         os.utime(folder / "world.yaml", (1e9 + age, 1e9 + age))  # a world that goes on writes it anew
     (tmp_path / "runs" / "empty").mkdir()
+    manifest.begin(folder, {})
     assert newest() == Path("runs/new")
 
 
