@@ -141,7 +141,8 @@ def _take_scan(bag: _Bag, told: Any, time_ns: int, timing: Timing) -> None:
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
     if bag.wheels is None:
         frame, child = told.header.frame_id.lstrip("/") or FIXED_FRAME, told.child_frame_id.lstrip("/")
-        bag.wheels = frame, "the robot" if child in ("", frame) else child
+        # a frame that stands for both is that of the robot in tf, or that of odometry
+        bag.wheels = ("the odometry", "the robot") if child in ("", frame) else (frame, child)
     pose = _pose(told.pose.pose.position, told.pose.pose.orientation)
     wheels.add(*bag.wheels, stamp_of(told, 1e-9 * time_ns), pose, arrived_s=1e-9 * time_ns)
 
@@ -162,7 +163,7 @@ def _root(bag: _Bag, given: Given) -> str:
         return next((frame for frame in moving if FIXED_FRAME in frame.rsplit("/")[-1]), moving[-1])
     root, robot = bag.wheels
     is_told = robot in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar)))
-    part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
+    part = frames.part(lidar, root)
     if given.mount is not None:
         x, y, yaw = given.mount
         bag.lidar_frame = MOUNTED

@@ -162,6 +162,15 @@ class Frames:
             yield at, self._links[at]
             at = above
 
+    def part(self, frame: str, root: str) -> str:
+        """The uppermost of the frames above one in which it stands; none that hangs in the root is left."""
+        part = frame.lstrip("/")
+        for _, link in self._between(frame, root):
+            if not link.stands or link.parent == root.lstrip("/"):
+                break
+            part = link.parent
+        return part
+
     def placed(self, frame: str, root: str, times: Floats) -> Placed:
         """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level.
 

@@ -357,6 +357,24 @@ def test_odometry_that_names_no_other_frame_is_that_of_the_robot(tmp_path: Path,
     assert log.notes == ["nothing tells where laser is on the robot: taken as the same (--mount tells it)"]
 
 
+@pytest.mark.parametrize("mount", ["/tf_static", "/tf"])
+@pytest.mark.parametrize(("frame", "child"), [("base_link", "base_link"), ("base_link", ""), ("odom", "odom")])
+def test_a_mount_by_tf_holds_where_odometry_names_no_robot(tmp_path: Path, frame: str, child: str, mount: str) -> None:
+    """The robot stood, or its lidar was taken to be in its middle."""
+    said = [ROS2.transform(99.0, "base_link", "laser", (0.2, 0.0, 0.1), yawed(0.5), mount)]
+    for one in drive(ROS2):
+        if one.kind == ODOMETRY:
+            said.append(ROS2.transform(one.t, "odom", "base_link", (*pose_at(one.t)[:2], 0.0), yawed(pose_at(one.t)[2])))
+            said.append(ROS2.odometry(one.t, pose_at(one.t), child))
+            said[-1].message.header.frame_id = frame
+        else:
+            said.append(one)
+    if frame == "base_link":  # which its odometry then tells alone
+        said = [one for one in said if one.topic != "/tf" or one.t == 99.0]
+    for scan in read(write_bag(tmp_path, "mcap", said)).scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, 0.5)), abs=1e-4)
+
+
 @pytest.mark.parametrize("frame", ["base_link", "odom"])
 def test_a_mount_holds_where_the_lidars_frame_is_the_robots_or_that_of_odometry(tmp_path: Path, frame: str) -> None:
     said = [ROS2.scan(one.t, FIVES, frame=frame) if one.kind == SCAN else one for one in drive(ROS2)]
