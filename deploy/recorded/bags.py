@@ -195,7 +195,8 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     bag.notes += bag.frames.contradictions(bag.lidar_frame, root)
     upside_down, ways = knots[-1].upside_down or bool(given.upside_down), np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(most, given, upside_down)
-    log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
+    mount = pose_of(bag.frames.placed(bag.lidar_frame, bag.frames.robot(bag.lidar_frame, root), ends[:1]).poses[0])
+    log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes, mount=mount)
     told = knots[-1].apart_s, knots[-1].rarest
     for entry, end, way, apart, rarest in zip(usable, ends.tolist(), ways, *told, strict=True):
         if apart > APART_S:

@@ -62,7 +62,6 @@ class _Laser:
     """One of the lidars whose lines a log has, and what it saw."""
 
     log: LidarLog
-    mount: Pose | None = None  # on the robot, by its first line
 
     def is_of(self, lidar: LidarSpec) -> bool:
         """Whether beams of a line's lidar point where this one's do."""
@@ -74,14 +73,14 @@ class _Laser:
     def add(self, number: int, time_s: float, readings: Floats, seen_from: Pose, robot: Pose) -> None:
         """Take a line's scan, or count why it cannot be used."""
         if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
-            if self.mount is None:
-                self.mount = relative(robot, seen_from)
-                if (away_m := math.hypot(self.mount[0], self.mount[1])) > MOUNT_M:
-                    self.mount = (0.0, 0.0, 0.0)
+            if self.log.mount is None:  # by its first line
+                self.log.mount = relative(robot, seen_from)
+                if (away_m := math.hypot(self.log.mount[0], self.log.mount[1])) > MOUNT_M:
+                    self.log.mount = (0.0, 0.0, 0.0)
                     self.log.notes.append(
                         f"its lidar is told to be {away_m:.1f} m from the robot: taken as in its middle"
                     )
-            robot = compose(robot, self.mount)
+            robot = compose(robot, self.log.mount)
         else:
             robot = (math.nan, math.nan, math.nan)
         self.log.add(Scan(number, time_s, self.log.lidar.cleaned(readings), robot))

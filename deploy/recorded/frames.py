@@ -60,21 +60,28 @@ class _Link:
         at = np.flatnonzero(late[: len(in_row)] & in_row)
         return float(self.rows[at[0] + 2, -1]) if len(at) else None
 
+    def sound(self) -> Floats:
+        """(m, WIDTH) the samples in the order of their times, without single ones that contradict those around them."""
+        rows = self.rows[np.argsort(self.rows[:, 0], kind="stable")]
+        alone = np.zeros(len(rows) + 2, np.bool_)  # with one before the first and one behind the last
+        if len(rows) > 2:
+            jumps = _are_jumps(rows[:-1], rows[1:])
+            alone[2:-2] = jumps[:-1] & jumps[1:] & ~_are_jumps(rows[:-2], rows[2:])
+        return rows[~alone[1:-1] | alone[:-2] | alone[2:]]  # where two ways alternate, none is the right one
+
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,).
 
         Where a place jumps from one neighbour to the other, it is that of the nearer one.
         """
-        rows = self.rows[:, :-1]
         if self.static:
-            turn, place = rotations(rows[-1:, 4:]), rows[-1:, 1:4]
+            turn, place = rotations(self.rows[-1:, 4:-1]), self.rows[-1:, 1:4]
             return np.repeat(turn, len(times), 0), np.repeat(place, len(times), 0), np.zeros(len(times))
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        rows = self.sound()[:, :-1]
         after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
         a, b = rows[after - 1], rows[np.minimum(after, len(rows) - 1)]
         share = np.clip((times - a[:, 0]) / np.maximum(b[:, 0] - a[:, 0], 1e-9), 0.0, 1.0)
-        jumps = are_jumps(np.linalg.norm(b[:, 1:4] - a[:, 1:4], axis=1), b[:, 0] - a[:, 0])
-        share = np.where(jumps, np.round(share), share)[:, None]
+        share = np.where(_are_jumps(a, b), np.round(share), share)[:, None]
         near = np.where((a[:, 4:] * b[:, 4:]).sum(1, keepdims=True) < 0, -b[:, 4:], b[:, 4:])
         apart = np.minimum(np.abs(times - a[:, 0]), np.abs(times - b[:, 0]))
         return (rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)
@@ -146,12 +153,15 @@ class Frames:
                     del self._links[frame]
 
     def contradictions(self, frame: str, root: str) -> list[str]:
-        """A sentence for each link between two frames of which several topics tell different things."""
-        return [
-            f"{', '.join(sorted(link.others))} tells otherwise than {link.topic} where {child} is, and is left out"
-            for child, link in self._between(frame, root)
-            if link.others
-        ]
+        """Sentences of links between two frames of which several topics, or single messages, tell different things."""
+        said = list[str]()
+        for child, link in self._between(frame, root):
+            if link.others:
+                others = ", ".join(sorted(link.others))
+                said.append(f"{others} tells otherwise than {link.topic} where {child} is, and is left out")
+            if not link.static and (wild := len(link.rows) - len(link.sound())):
+                said.append(f"{wild} messages jump away for a moment with {child}, and are left out")
+        return said
 
     def _between(self, frame: str, root: str) -> Iterator[tuple[str, _Link]]:
         """The frames from one up to before one of those above it, each with its link."""
@@ -161,6 +171,10 @@ class Frames:
                 return
             yield at, self._links[at]
             at = above
+
+    def robot(self, frame: str, root: str) -> str:
+        """The frame between these that hangs in the root itself."""
+        return [frame.lstrip("/"), *(name for name, _ in self._between(frame, root))][-1]
 
     def part(self, frame: str, root: str) -> str:
         """The uppermost of the frames above one in which it stands; none that hangs in the root is left."""
@@ -195,6 +209,15 @@ class Frames:
             raise InputError(f"{frame} is not level in {root}, so that its lidar sees no floor plan")
         headings = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
         return Placed(np.column_stack((place[:, :2], headings)), apart, rarest, up < 0)
+
+
+def _are_jumps(a: Floats, b: Floats) -> NDArray[np.bool_]:
+    """(n,) which ways between samples (n, WIDTH), told without their arrival or with it, are jumps."""
+    poses = []
+    for rows in (a, b):
+        x, y, z, w = rows[:, 4:8].T
+        poses.append(np.column_stack((rows[:, 1:3], np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))))
+    return are_jumps(*poses, b[:, 0] - a[:, 0])
 
 
 def rotations(quaternions: Floats) -> Floats:

@@ -1,32 +1,46 @@
 """Odometry that begins anew or jumps, as that of a base that is started again: what follows goes on from there (ours).
 
 A ROS 2 robot knows its top speed, and stands for that moment (`Wheelpath`). A log tells how the robot moved before: the
-path of csail-drift whose odometry begins anew at scan 200 is 0.088 m off in place of 19, and 0.446 where it stands.
+path of csail-drift whose odometry begins anew at scan 200 is 0.088 m off in place of 19, and 0.446 if it is taken to
+stand.
 """
 
+import math
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.shell.ros2.laser_scan import APART_S
+from agent.shell.ros2.wheelpath import begins_anew
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply, compose, inverted, relative
+from protocol.geometry import Pose, apply, compose, inverted, relative, wrapped
 
 JUMP_M, JUMP_MPS = 0.5, 10.0  # more than these from one moment to the next, by odometry, is no robot's way
+LONG_MPS = 2.0  # and more than this in what of the time is beyond APART_S: nobody keeps up the former for long
+JUMP_RAD, JUMP_RPS = 1.0, 4.0  # so are turns
 
 
-def are_jumps(metres: Floats, seconds: Floats) -> NDArray[np.bool_]:
-    """Which of ways (n,) by odometry, each in its time (n,), no robot has gone."""
-    return metres > JUMP_M + JUMP_MPS * seconds
+def are_jumps(before: Floats, after: Floats, seconds: Floats, silent_s: float = APART_S) -> NDArray[np.bool_]:
+    """(n,) which ways from poses (n, 3) to others, each in its time (n,), no robot has gone.
+
+    Poses are those that odometry tells of the robot. silent_s: from here on it may have begun anew.
+    """
+    metres, turns = np.hypot(*(after - before)[:, :2].T), np.abs(wrapped(after[:, 2] - before[:, 2]))
+    far = metres > JUMP_M + JUMP_MPS * np.minimum(seconds, APART_S) + LONG_MPS * np.maximum(seconds - APART_S, 0.0)
+    anew = (seconds > silent_s) & begins_anew(before, after)
+    return far | anew | (turns > JUMP_RAD + JUMP_RPS * seconds)
 
 
 def mend_jumps(log: LidarLog) -> None:
     """Let a scan to which odometry jumps move as the one before it did, and what follows along with it; and note it."""
-    scans, times = log.scans, np.array([scan.time_s for scan in log.scans])
-    places = np.array([scan.odometry[:2] for scan in scans]).reshape(-1, 2)
-    ways, steps_s = np.hypot(*np.diff(places, axis=0).T), np.diff(times)
-    at = np.flatnonzero(are_jumps(ways, steps_s)) + 1
+    scans, steps_s = log.scans, np.diff([scan.time_s for scan in log.scans])
+    if not len(steps_s):
+        return
+    off = inverted(log.mount or (0.0, 0.0, 0.0))
+    poses = np.array([compose(scan.odometry, off) for scan in scans])
+    at = np.flatnonzero(are_jumps(poses[:-1], poses[1:], steps_s, max(APART_S, log.gap_s()))) + 1
     for begin, end in pairwise([*at.tolist(), len(scans)]):
         last, step = scans[begin - 1], (0.0, 0.0, 0.0)
         if begin > 1:
@@ -40,9 +54,11 @@ def mend_jumps(log: LidarLog) -> None:
         as_last = _moved(last, compose(now, inverted(last.odometry)))
         scans[begin] = scans[begin]._replace(way=as_last.way)  # its own one may lead from before the jump to behind it
     if len(at):
+        ways = (poses[at] - poses[at - 1]).T
+        metres, turn = np.hypot(*ways[:2]).max(), np.abs(wrapped(ways[2])).max()
         log.notes.append(
-            f"{len(at)} jumps of odometry, of up to {ways[at - 1].max():.1f} m from scan to scan: there the robot is "
-            "taken to go on as before"
+            f"{len(at)} jumps of odometry, of up to {metres:.1f} m and {math.degrees(turn):.0f} degrees from scan to "
+            "scan: there the robot is taken to go on as before"
         )
         log.skip_far()
 

@@ -78,6 +78,7 @@ class LidarLog:
     skipped: Counter[str] = field(default_factory=Counter)  # records that were not used, by reason
     notes: list[str] = field(default_factory=list)  # what else is odd
     reference: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, by scans' numbers: where it was
+    mount: Pose | None = None  # the lidar's on the robot, of which odometry tells; None where nothing tells it
     _added: int = 0
     _shift_s: float = 0.0  # from the stamps to the clock by which the log began
     _other_clock: list[tuple[Scan, str]] = field(default_factory=list)  # the last scans, by another one, and the reason

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.shell.ros2.laser_scan import APART_S, LEVEL, SET_ANEW, stamp_of
 from protocol.arrays import Floats
@@ -21,8 +22,16 @@ BEGUN = 0.05
 """Metres and radians within which odometry is at its origin."""
 
 
-def _at_origin(pose: Pose, within_m: float, within_rad: float) -> bool:
-    return math.hypot(pose[0], pose[1]) <= within_m and abs(wrapped(pose[2])) <= within_rad
+def begins_anew(before: Floats, after: Floats) -> NDArray[np.bool_]:
+    """Whether odometry that told poses (..., 3) and, after a pause, others began anew between.
+
+    The robot may have come far, but hardly to where odometry begins.
+    """
+    return _at_origin(after, BEGUN, BEGUN) & ~_at_origin(before, JUMP_M, JUMP_RAD)
+
+
+def _at_origin(poses: Floats, within_m: float, within_rad: float) -> NDArray[np.bool_]:
+    return (np.hypot(poses[..., 0], poses[..., 1]) <= within_m) & (np.abs(wrapped(poses[..., 2])) <= within_rad)
 
 
 class Wheelpath:
@@ -77,9 +86,8 @@ class Wheelpath:
             dx, dy, turn = relative((last[0], last[1], last[2]), own)
             passed_s = max(stamp_s - before, 0.0)
             far = math.hypot(dx, dy) > JUMP_M + 2 * self._spec.max_speed_mps * passed_s
-            # after a pause it may have come far, but hardly to where odometry begins
-            anew = passed_s > APART_S and _at_origin(pose, BEGUN, BEGUN)
-            anew = anew and not _at_origin(self.told((last[0], last[1], last[2])), JUMP_M, JUMP_RAD)
+            told = self.told((last[0], last[1], last[2]))
+            anew = passed_s > APART_S and bool(begins_anew(np.array(told), np.array(pose)))
             if anew or far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
                 self._skip("times at which odometry began anew")
                 own, turn = (last[0], last[1], wrapped(last[2])), 0.0

@@ -7,6 +7,7 @@ import sqlite3
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import Given, LidarLog
 from deploy.recorded.reading import read_logs
 from protocol.errors import InputError
-from protocol.geometry import Pose, compose
+from protocol.geometry import Pose, compose, relative
 from tests.deploy.recorded.bag_files import KINDS, Said, Speaker, write_bag, yawed
 
 NOTHING = Given()
@@ -320,6 +321,32 @@ def test_odometry_that_begins_anew_goes_on(tmp_path: Path) -> None:
         assert scan.odometry == pytest.approx(pose_at(scan.time_s), abs=0.15), scan.time_s
 
 
+@pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.3, 0.0, 0.5)])
+@pytest.mark.parametrize("near", [True, False])
+def test_odometry_that_begins_anew_after_silence_goes_on(tmp_path: Path, near: bool, mount: Pose) -> None:
+    """Scans beside the silence were put on a line between both ways. By a few metres, it may come from driving."""
+    said = []
+    for one in drive(ROS2, 60):
+        x, y, theta = pose_at(one.t)
+        anew = relative(pose_at(108.0), (x, y, theta)) if near else (x - 20.0, y, theta)
+        if one.kind != ODOMETRY:
+            said.append(one)
+        elif not 105 < one.t < 107.99:
+            said.append(ROS2.odometry(one.t, anew if one.t > 106 else (x, y, theta)))
+    log = read(write_bag(tmp_path, "mcap", said), Given(mount=mount))
+    steps = [relative(a.odometry, b.odometry) for a, b in pairwise(log.scans)]
+    assert len(log.scans) == 50 and np.abs(steps).max() < 0.15
+
+
+def test_one_wrong_message_of_odometry_is_left_out(tmp_path: Path) -> None:
+    """It was in the way of a revolution, between whose ends nothing jumps."""
+    said = [ROS2.scan(one.t, FIVES, time_increment=0.19 / 180) for one in drive(ROS2) if one.kind == SCAN]
+    said += [one for one in drive(ROS2) if one.kind == ODOMETRY and abs(one.t - 101.5) > 0.01]
+    log = read(write_bag(tmp_path, "mcap", in_order([*said, ROS2.odometry(101.5, (99.0, 99.0, 1.0))])))
+    assert all(scan.way is not None and np.ptp(scan.way, 0).max() < 0.5 for scan in log.scans)
+    assert log.notes[1:] == ["1 messages jump away for a moment with base_link, and are left out"]
+
+
 @pytest.mark.parametrize("range_max", [0.0, math.inf, math.nan, 90.0])
 def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(tmp_path: Path, range_max: float) -> None:
     """Where its messages tell another range, or none, it was an arc of wall."""
@@ -361,17 +388,13 @@ def test_odometry_that_names_no_other_frame_is_that_of_the_robot(tmp_path: Path,
 @pytest.mark.parametrize(("frame", "child"), [("base_link", "base_link"), ("base_link", ""), ("odom", "odom")])
 def test_a_mount_by_tf_holds_where_odometry_names_no_robot(tmp_path: Path, frame: str, child: str, mount: str) -> None:
     """The robot stood, or its lidar was taken to be in its middle."""
-    said = [ROS2.transform(99.0, "base_link", "laser", (0.2, 0.0, 0.1), yawed(0.5), mount)]
-    for one in drive(ROS2):
+    said = [ROS2.transform(99.0, "base_link", "laser", (0.2, 0.0, 0.1), yawed(0.5), mount), *drive(ROS2)]
+    for one in said:
         if one.kind == ODOMETRY:
-            said.append(ROS2.transform(one.t, "odom", "base_link", (*pose_at(one.t)[:2], 0.0), yawed(pose_at(one.t)[2])))
-            said.append(ROS2.odometry(one.t, pose_at(one.t), child))
-            said[-1].message.header.frame_id = frame
-        else:
-            said.append(one)
-    if frame == "base_link":  # which its odometry then tells alone
-        said = [one for one in said if one.topic != "/tf" or one.t == 99.0]
-    for scan in read(write_bag(tmp_path, "mcap", said)).scans:
+            one.message.header.frame_id, one.message.child_frame_id = frame, child
+    if frame == "odom":
+        said += [one for one in by_tf((0.2, 0.0, 0.0)) if one.topic == "/tf"]
+    for scan in read(write_bag(tmp_path, "mcap", in_order(said))).scans:
         assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, 0.5)), abs=1e-4)
 
 

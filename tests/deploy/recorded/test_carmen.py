@@ -281,7 +281,8 @@ def test_gaps_are_told(tmp_path: Path) -> None:
 def test_jumps_of_odometry_and_scans_of_nothing_are_told(tmp_path: Path) -> None:
     lines = [flaser(0.2 * k, readings=["81"] * 180, pose=f"{0.1 * k + 40 * (k > 5)} 0 0") for k in range(10)]
     assert read_carmen(log(tmp_path, *lines), Given()).notes == [
-        "1 jumps of odometry, of up to 40.1 m from scan to scan: there the robot is taken to go on as before",
+        "1 jumps of odometry, of up to 40.1 m and 0 degrees from scan to scan: there the robot is taken to go on "
+        "as before",
         "no scan hits anything",
     ]
 
@@ -298,6 +299,19 @@ def test_a_way_whose_odometry_begins_anew_or_jumps_goes_on(tmp_path: Path, revol
     assert [note.split(",")[0] for note in read.notes if "jumps" in note] == ["3 jumps of odometry"]
     if revolution_s:
         assert all(scan.way is not None and np.ptp(scan.way, 0).max() < 1 for scan in read.scans)
+
+
+@pytest.mark.parametrize("pause_s", [0.2, 5.0, 60.0])
+@pytest.mark.parametrize("last", [(20.0, 0.0, 0.0), (0.3, 0.0, 1.9)], ids=["far", "turned"])
+def test_a_way_goes_on_whose_base_begins_anew_after_silence_or_where_it_is(
+    tmp_path: Path, last: Pose, pause_s: float
+) -> None:
+    """A minute of silence lets a robot come far, but hardly to where odometry begins."""
+    times = [0.2 * k + (pause_s - 0.2) * (k >= 20) for k in range(40)]
+    poses = [" ".join(str(k * full / 19) for full in last) for k in range(20)] + 20 * ["0 0 0"]
+    read = read_carmen(log(tmp_path, *(flaser(t, pose=pose) for t, pose in zip(times, poses, strict=True))), Given())
+    before, after = (read.scans[k].odometry for k in (18, 20))
+    assert relative(read.scans[19].odometry, after) == pytest.approx(relative(before, last), abs=1e-6)
 
 
 def test_a_way_that_goes_on_beyond_all_maps_ends_there(tmp_path: Path) -> None:
