@@ -1,4 +1,4 @@
-"""Poses, points and angles in the plane, for robots, world and deployment alike.
+"""Poses, points and angles in the plane, and turns in space, for robots, world and deployment alike.
 
 A pose x, y, theta (metres, radians counter-clockwise) says how one frame lies in another. It is also the rigid
 transform that takes points of the first frame into the second: no scale, no mirror.
@@ -59,6 +59,20 @@ def seen_from(pose: Sequence[float] | Floats, points: Floats) -> Floats:
     if not len(points):
         return np.zeros((0, 2))
     return np.asarray((points - np.asarray(pose)[:2]) @ _axes(pose).T, np.float64)
+
+
+def rotations(quaternions: Floats) -> Floats:
+    """(n, 3, 3) of quaternions (n, 4) x, y, z, w of any length; NaN of none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    return np.stack(
+        (
+            np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), -1),
+            np.stack((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), -1),
+            np.stack((2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), -1),
+        ),
+        1,
+    )
 
 
 def _axes(pose: Sequence[float] | Floats) -> Floats:

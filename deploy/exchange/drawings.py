@@ -128,13 +128,11 @@ def _paths(entities: Iterable[Any], shapes: Shapes) -> list[tuple[str, Any]]:
 def _scale(drawing: Any, width_m: float | None, paths: list[tuple[str, Any]], shapes: Shapes) -> float:
     """Metres of a drawing's unit; what is assumed, or not asked for, is noted. Raises InputError."""
     from ezdxf.enums import InsertUnits
-    from ezdxf.lldxf.const import DXF12
     from ezdxf.path import bbox
     from ezdxf.units import conversion_factor
 
-    unit = InsertUnits(drawing.units)
-    if drawing.dxfversion == DXF12 and unit == InsertUnits.Meters:  # so ezdxf has it where there is no header
-        unit = InsertUnits.Unitless
+    told = b"$INSUNITS" in Path(drawing.filename).read_bytes()  # ezdxf has metres where there is no header
+    unit = InsertUnits(drawing.units if told else 0)
     if unit:
         if width_m is not None:
             shapes.left_out["--width, as the drawing has a unit"] += 1

@@ -18,10 +18,10 @@ import numpy as np
 import shapely
 
 from deploy.exchange.shapes import Shapes
-from deploy.recorded.frames import rotations
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError
+from protocol.geometry import rotations
 from world.worldfile import check_crossings
 
 HEIGHT_M = 0.182

@@ -35,7 +35,7 @@ from protocol.messages import LidarSpec
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
-OTHER_MCAP = "Profile is not ros2"  # by the library, of the file of another program
+OTHER_MCAP = "Profile is not ros2"  # by the library, of the file of another program, or of one that does not tell
 MOUNTED = "the lidar"  # its frame where the user tells its mount: its own frame may be the robot's
 
 
@@ -75,7 +75,7 @@ def read_bag(file: Path, given: Given) -> LidarLog:
         raise InputError(f"{file}: it takes more than {MORE_BYTES >> 30} GB of memory; split it") from None
     except Exception as error:  # the library checks little of bytes that are no bag
         if OTHER_MCAP in (words := _words(error)):
-            raise InputError(f"{file}: an MCAP file of other messages than those of ROS 2") from None
+            raise InputError(f"{file}: an MCAP file that does not say that it is of ROS 2 (its profile)") from None
         raise InputError(f"{file}: it is no bag, or damaged: {words}{how_to_mend(file)}") from None
 
 

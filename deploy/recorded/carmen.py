@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from agent.shell.ros2.laser_scan import range_by
+from agent.shell.ros2.laser_scan import believed_range
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.revolution import Revolution
 from deploy.recorded.untold import find_untold
@@ -197,7 +197,8 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         first, step, limit = -0.5 * view, view / (count - count % 2), SICK_RANGE_M
         after = begin + count
     else:
-        first, step, limit = math.degrees(float(words[2])), math.degrees(float(words[4])), range_by(float(words[5]))
+        first, step = math.degrees(float(words[2])), math.degrees(float(words[4]))
+        limit = believed_range(float(words[5]))
         clockwise, step = step < 0, abs(step)
         after = begin + count + 1 + max(int(words[begin + count]), 0)
     if len(words) < after + 7:

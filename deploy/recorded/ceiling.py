@@ -1,7 +1,9 @@
 """What a lidar tells where nothing came back, by the readings of a log that does not say so, or wrongly (ours).
 
 It is the end of the lidar's range, or a little more: 81.83 m, 51.15, 50 or 32.77 in public logs of SICKs alone, and the
-range itself in those of simulators. Taken for hits they are arcs of wall at that distance, flat enough for lines.
+range itself in those of simulators. Taken for hits they are arcs of wall at that distance, flat enough for lines. From
+one place the end of a long corridor looks the same to a lidar that errs by less than 5 mm: where a robot stands for a
+whole log, that wall is lost, but for `--range-max`.
 """
 
 import numpy as np

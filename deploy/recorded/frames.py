@@ -11,6 +11,7 @@ from agent.shell.ros2.laser_scan import LEVEL
 from deploy.recorded.jumps import are_jumps
 from protocol.arrays import Floats
 from protocol.errors import InputError
+from protocol.geometry import rotations
 
 MAX_SAMPLES = 5_000_000  # of all links together, 360 MB: a robot's ten links at 50 Hz for three hours
 RESET_S, RESET_SAMPLES = 1.0, 10  # a clock that goes back by more, for so many in a row, was set back
@@ -201,7 +202,7 @@ class Frames:
             turn, place = by @ turn, np.einsum("nij,nj->ni", by, place) + to
             moves = link.parent == root.lstrip("/")
             if moves or not link.stands:
-                rarest = np.where(told > apart, "odometry" if moves else f"tf of {at}", rarest)
+                rarest = np.where(told > apart, "odometry" if moves else f"tf of {at!r}", rarest)
                 apart = np.maximum(apart, told)
             at = link.parent
         up = float(np.nanmedian(turn[:, 2, 2])) if np.isfinite(turn[:, 2, 2]).any() else 1.0
@@ -218,17 +219,3 @@ def _are_jumps(a: Floats, b: Floats) -> NDArray[np.bool_]:
         x, y, z, w = rows[:, 4:8].T
         poses.append(np.column_stack((rows[:, 1:3], np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))))
     return are_jumps(*poses, b[:, 0] - a[:, 0])
-
-
-def rotations(quaternions: Floats) -> Floats:
-    """(n, 3, 3) of quaternions (n, 4) x, y, z, w of any length; NaN of none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    return np.stack(
-        (
-            np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), -1),
-            np.stack((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), -1),
-            np.stack((2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), -1),
-        ),
-        1,
-    )

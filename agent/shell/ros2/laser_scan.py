@@ -26,7 +26,7 @@ def stamp_of(message: Any, arrived_s: float) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
 
-def range_by(told_m: float) -> float:
+def believed_range(told_m: float) -> float:
     """Metres that a lidar reaches which tells so many: any that there may be, where it tells none or more."""
     return min(told_m, MAX_RANGE_M) if told_m > 0 else MAX_RANGE_M
 
@@ -90,7 +90,7 @@ class LaserScan(NamedTuple):
         """
         count, first, step = self.bearings
         low, high = limits
-        high = range_by(high)
+        high = believed_range(high)
         told = {
             "beams": count,
             "turning": self.between_s > 0,

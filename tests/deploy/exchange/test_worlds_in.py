@@ -604,8 +604,9 @@ def test_a_drawing_without_a_unit_is_as_wide_as_is_said(tmp_path: Path, header: 
     assert imported(file)[1][1].startswith(assumed)
 
 
-def test_a_drawing_with_a_unit_keeps_it(tmp_path: Path) -> None:
-    (tmp_path / "room.dxf").write_text(METRES + square(8))
+@pytest.mark.parametrize("version", ["AC1015", "AC1009"])
+def test_a_drawing_with_a_unit_keeps_it(tmp_path: Path, version: str) -> None:
+    (tmp_path / "room.dxf").write_text(METRES.replace("AC1015", version) + square(8))
     size, left_out, *_ = imported(tmp_path / "room.dxf", Options(width_m=5))[1]
     assert size.startswith("room: 8.0 m x 8.0 m") and left_out == "left out: --width, as the drawing has a unit"
 
