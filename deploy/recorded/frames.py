@@ -214,8 +214,10 @@ class Frames:
 
 def _are_jumps(a: Floats, b: Floats) -> NDArray[np.bool_]:
     """(n,) which ways between samples (n, WIDTH), told without their arrival or with it, are jumps."""
-    poses = []
-    for rows in (a, b):
-        x, y, z, w = rows[:, 4:8].T
-        poses.append(np.column_stack((rows[:, 1:3], np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))))
-    return are_jumps(*poses, b[:, 0] - a[:, 0])
+    return are_jumps(_from_above(a), _from_above(b), b[:, 0] - a[:, 0])
+
+
+def _from_above(rows: Floats) -> Floats:
+    """(n, 3) poses in the plane of samples."""
+    x, y, z, w = rows[:, 4:8].T
+    return np.column_stack((rows[:, 1:3], np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)))

@@ -30,7 +30,7 @@ def are_jumps(before: Floats, after: Floats, seconds: Floats, silent_s: float = 
     metres, turns = np.hypot(*(after - before)[:, :2].T), np.abs(wrapped(after[:, 2] - before[:, 2]))
     far = metres > JUMP_M + JUMP_MPS * np.minimum(seconds, APART_S) + LONG_MPS * np.maximum(seconds - APART_S, 0.0)
     anew = (seconds > silent_s) & begins_anew(before, after)
-    return far | anew | (turns > JUMP_RAD + JUMP_RPS * seconds)
+    return np.asarray(far | anew | (turns > JUMP_RAD + JUMP_RPS * seconds), np.bool_)
 
 
 def mend_jumps(log: LidarLog) -> None:
