@@ -15,7 +15,7 @@ from protocol.messages import RobotSpec
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10  # points of the lookahead that are tried, the farthest first
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
-BESIDE_TEAMMATE_M = 0.6  # a teammate whose centre is nearer is beside the robot, for large and fast ones also farther
+BESIDE_TEAMMATE_M = 0.6  # a teammate whose centre is nearer is beside the robot, but see `beside_m`
 TURN_BESIDE_RAD = 0.5
 """Heading error beyond which a robot turns on the spot beside a teammate; elsewhere a quarter turn. Both move, and in
 an arc the robot cannot give way: without this, robots touched in one of five runs of five robots in maze-15."""

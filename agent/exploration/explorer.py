@@ -332,7 +332,7 @@ class Explorer:
             self._end_errand("no way")
         elif target.task.kind == "home":
             self.homing.give_up()
-        else:
+        elif target.task.kind != "look" or reason != TEAMMATE:  # who bars a look may have gone later
             self._done(target.task)
 
     def _end_errand(self, how: Literal["arrived", "no way"]) -> None:

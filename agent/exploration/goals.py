@@ -132,10 +132,12 @@ class Goals:
         return task._replace(place=self.ends.points[end], along=self.ends.along[end])
 
     def same(self, one: Task, other: Task) -> bool:
-        """Whether two tasks are about the same end, or home, or otherwise of one kind and seen from the same point."""
+        """Whether two tasks are about the same end, home or wall to look at, or of one kind and seen from one point."""
         if is_end(one) and is_end(other):
             return self.end_of(one) == self.end_of(other) >= 0
-        return one.kind == other.kind and (one.kind == "home" or bool((one.stand == other.stand).all()))
+        if one.kind in ("home", "look"):
+            return one.kind == other.kind and bool(np.hypot(*(one.place - other.place)) < SAME_PLACE_M)
+        return one.kind == other.kind and bool((one.stand == other.stand).all())
 
     def tasks(self, goals: Ints, roads: Roads, begun: Task | None = None, close: bool = False) -> list[Task]:
         """Open ends whose walls can be seen on from a standing point that is reached: one task for each wall.

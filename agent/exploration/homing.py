@@ -39,7 +39,7 @@ STOPS = 6  # places on a lap
 MOST_LEFT = 6
 """Times that the way home may be left before its end: as often as a robot waits for teammates that bar a goal. Past a
 door that opens and closes by the side from which it is seen, one would go to and fro for ever. It may be left as often
-again once all else is done. Looks are left for errands so often at most, all together."""
+again once all else is done. Looks are left so often at most, all together."""
 
 
 class Way(NamedTuple):

@@ -25,7 +25,7 @@ from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
-NEAR_M = 1.5  # walls within this of the robot matter for the next two commands, for large and fast ones also farther
+NEAR_M = 1.5  # walls within this of the robot matter for the next two commands, but see `_near_m`
 PUSHING_SHARE = 0.3  # a robot that gets on by less than this share of what was commanded pushes against something
 PUSHING_S = 1.0  # a robot that has pushed for so long pushes against an unseen wall
 MOST_WALLS = 50  # most unseen walls kept in memory (32 bytes each): 12 m of glass

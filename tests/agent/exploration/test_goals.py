@@ -148,3 +148,12 @@ def test_an_end_that_stays_open_is_looked_at_from_behind() -> None:
         sides.append(bool(task.stand[1] > 0.4))
         goals.looked(task)
     assert sides == [False, False, True]
+
+
+def test_a_wall_that_is_looked_at_from_another_point_is_the_same_look() -> None:
+    """It was begun anew whenever its path was, and a robot that goes on with it has its deadline."""
+    goals, place = Goals(2, SPEC), np.array((0.0, 8.5))
+    look = Task("look", place, place)
+    assert goals.same(look, look._replace(stand=place + 0.3))
+    assert not goals.same(look, look._replace(place=place + 0.3))
+    assert not goals.same(look, Task("home", place, place))
