@@ -38,7 +38,8 @@ class ExplorationConfig(Config):
     """Attempts at a goal before it counts as unreachable. Later ones are made when nothing else is left and the map
     has changed."""
     patience_s: Positive = 15.0
-    """A goal is given up after twice the time that its path takes at full speed, and so many seconds more."""
+    """A goal is given up after twice the time that its path takes at full speed, and so many seconds more; a robot that
+    takes long to turn about has that time at each bend, too."""
 
 
 Air = Annotated[float, Field(ge=1e-3, le=1)]

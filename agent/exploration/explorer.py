@@ -20,7 +20,7 @@ from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STOP, Driver, Motion, ticks_to_drive
 from agent.exploration.glimpses import SAME_M
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
-from agent.exploration.headway import Headway
+from agent.exploration.headway import STUCK_S, Headway
 from agent.exploration.homing import Homing
 from agent.exploration.parking import AGAIN_S, Parking
 from agent.exploration.path import ARRIVED_M, GIVE_M, ahead_of, length_of, still_clear
@@ -462,8 +462,8 @@ class Explorer:
 
     def _deadline(self, scene: Scene, path: Floats) -> float:
         """Tick of `Scene.awake` at which a target at the end of a path (k, 2) is given up."""
-        patience_s = max(self.config.patience_s, self.headway.stuck_s)
-        seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + patience_s
+        turns_s = (len(path) - 1) * (self.headway.stuck_s - STUCK_S)  # at its start and bends, more than others take
+        seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + self.config.patience_s + turns_s
         return scene.awake + math.ceil(seconds / self.driver.tick_s)
 
     # how to get there

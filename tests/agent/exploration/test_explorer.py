@@ -651,6 +651,31 @@ def test_a_robot_that_turns_about_or_drives_slowly_is_not_stuck(turn_rps, speed_
     assert pose[0] < 2.6
 
 
+def test_a_robot_that_turns_slowly_has_time_for_all_bends_of_a_path():
+    """It had time for one of them, and gave the way home up."""
+    starts = (-1, 0.5), (0, 1.5), (-1, 2.5), (0, 3.5)
+    bars = ([(x, y), (x, y + 0.02), (x + 3, y + 0.02), (x + 3, y), (x, y)] for x, y in starts)
+    room = chain([(-1, -0.5), (3, -0.5), (3, 4.5), (-1, 4.5), (-1, -0.5)], *bars)
+    robot = explorer(RobotSpec(max_turn_rps=0.1), default_state="least-likely", pockets=False)
+    pose, deadlines = np.array((2.5, 4.0, 0.0)), set()
+    for tick in range(2000):
+        command = step(robot, Situation(tick, room, 1, pose_of(pose), Wireframe(), NOBODY, exactness=known(0.012)))
+        if command.complete:
+            break
+        pose = moved(pose, command)
+        deadlines.add(robot.target.deadline)
+    assert command.complete and len(deadlines) == 1
+
+
+def test_a_short_patience_is_as_long_as_it_was_set():
+    wall, deadlines = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER), []
+    for patience_s in (1.0, 3.0):
+        robot = explorer(patience_s=patience_s)
+        at(wall, robot, range(1))
+        deadlines.append(robot.target.deadline)
+    assert deadlines[1] - deadlines[0] == 2.0 * SPEC.lidar.rate_hz
+
+
 def test_a_robot_that_was_held_is_not_stuck_and_gives_nothing_up():
     """While a dead man's switch is off it takes no step, and the ticks go on by the clock."""
     wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
