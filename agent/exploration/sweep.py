@@ -32,7 +32,7 @@ EDGE_BEAMS = 0.4
 two edges. Of faces of posts of 10 and 13 cm in three rooms with all of `deploy/sensing.py`, REAL, 0.80 are mapped with
 2.4 beams and 0.57 with 1.7."""
 LATTICE_M = 0.6  # distance between standing points considered by the sweep: a quarter of its radius
-LATTICE_SHARE = 0.5  # ... at most so much of it: where it is short, there may be no such point within it
+LATTICE_SHARE = 0.7  # ... at most so much of it: where it is short, there may be no such point within it
 LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, that a stand must show: fewer are a sliver
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
@@ -41,7 +41,8 @@ SPACING_M = 0.5
 """Distance between viewpoints. With a radius of 2.4 m, a corridor of 1.9 m to either side has gaps from 2.9 m on."""
 MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
-table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""
+table of 50 to 100 MB then, and more where a lidar sees less than 0.3 m. In a hall of 80 m a side all half a million of
+them would take 8 GB."""
 MOST_VIEWS = 400_000_000
 """Bytes of that table at most, those of a maze of 80 m: where samples lie scattered, of standing points beside any the
 nearest."""
@@ -112,14 +113,15 @@ def _cover(views: Bools, keep: bool) -> list[int]:
 
     keep: the first row that shows so many is taken first.
     """
-    chosen: list[int] = []
+    gains, left, chosen = views.sum(1), np.ones(views.shape[1], np.bool_), list[int]()
     while True:
-        gains = views.sum(1)
         best = int((gains >= LEAST_SAMPLES).argmax() if keep and not chosen else gains.argmax())
         if gains[best] < LEAST_SAMPLES:
             return chosen
         chosen.append(best)
-        views = views[:, ~views[best]]
+        new = left & views[best]
+        gains -= views[:, new].sum(1)
+        left &= ~new
 
 
 def _nearest(points: Floats, here: Floats, most: int) -> Floats:
