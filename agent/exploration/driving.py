@@ -22,7 +22,9 @@ an arc the robot cannot give way: without this, robots touched in one of five ru
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
 _ARC_STEPS = 4  # least places on that motion that are checked
-MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
+MEET_M = 1.2
+"""A teammate in the way is passed on the right from here on, but see `_meet_m`: at full speed both have 2.7 s to move
+over."""
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
 _ASIDE_TRIES = 100  # places beside a teammate that are tried at most; for a robot as large as ours 40 suffice
 CLEAR_SIDE_M = 0.15  # a teammate so far to the right of the way is passed on the left, as it has the robot on its right
@@ -125,6 +127,11 @@ def horizon_m(spec: RobotSpec) -> float:
     return HORIZON_COMMANDS * spec.max_speed_mps / spec.lidar.rate_hz
 
 
+def passing_m(config: DrivingConfig, spec: RobotSpec) -> float:
+    """Metres between the centres of two robots that pass each other."""
+    return 2.0 * spec.radius_m + config.teammate_air_m + PASS_AIR_M
+
+
 def ticks_to_drive(metres: float, spec: RobotSpec) -> int:
     """Ticks in which the robot drives so far at full speed; at least one."""
     return max(1, round(metres * spec.lidar.rate_hz / spec.max_speed_mps))
@@ -139,6 +146,9 @@ class Driver:
         self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
         # from there two that drive towards each other are at their limit within the horizon
         self.beside_m = max(BESIDE_TEAMMATE_M, self.limits.disc + 2.0 * horizon_m(spec))
+        self._passing_m = passing_m(config, spec)
+        # there they still have the way to the point that they steer for
+        self._meet_m = max(MEET_M, self._passing_m + 2.0 * horizon_m(spec) + LOOKAHEAD_M)
 
     def follow(self, path: Floats, pose: Pose, obstacles: Obstacles, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.
@@ -163,13 +173,13 @@ class Driver:
         if way < 1e-6:
             return point
         ux, uy = (px - x) / way, (py - y) / way
-        need = self.limits.disc + PASS_AIR_M
-        nearest, left_of_way = MEET_M, math.inf
+        need = self._passing_m
+        nearest, left_of_way = self._meet_m, math.inf
         for dx, dy in (obstacles.discs - (x, y)).tolist():
             ahead, left = ux * dx + uy * dy, ux * dy - uy * dx
             if 0.0 < ahead < nearest and abs(left) < need and math.hypot(dx, dy) > 1e-6:
                 nearest, left_of_way = ahead, left
-        if nearest >= MEET_M:
+        if nearest >= self._meet_m:
             return point
         # one that is clearly on the right is passed on the left, which is its own right if it comes towards us
         side = -1.0 if left_of_way > -CLEAR_SIDE_M else 1.0

@@ -12,6 +12,7 @@ _OFF_COST = 2.0  # metres of path that a metre of distance from an errand's plac
 _APART_M = 0.35  # a robot that shows itself goes so far from all places where it did: what is seen nearer is no news
 _ASIDE_M, _ASIDE_MOST_M = 0.5, 2.0  # ... about so far from where it is, and at most
 _RETREAT_M = 1.2  # a robot that makes room goes at least this far from the teammate: it can turn off in between
+_RETREAT_CLEARANCES = 4.0  # ... and so many clearances of a large one: two bodies and one between
 _PASSING_M = 0.45  # from walls to a parked robot: another (0.21 m wide) passes on either side; no doorway is blocked
 _PARK_ROOM_M = 1.0  # more room than this is no better for parking: half the width of a corridor of the mazes
 _PARK_GAIN = 4.0  # metres of path that a metre of room is worth: a robot in a doorway of 1 m goes on into the room
@@ -38,7 +39,8 @@ def aside(taken: Floats, places: Floats, roads: Roads) -> Route | None:
 def away_from(teammate: tuple[float, float], places: Floats, walls: Floats, roads: Roads) -> Route | None:
     """The way to that of the robot's former places (k, 2) that leaves a teammate room: near, and off the walls."""
     away = np.hypot(places[:, 0] - teammate[0], places[:, 1] - teammate[1])
-    places = places[(away >= _RETREAT_M) & (distances_to_walls(places, walls) >= roads.clearance)]
+    far = away >= max(_RETREAT_M, _RETREAT_CLEARANCES * roads.clearance)
+    places = places[far & (distances_to_walls(places, walls) >= roads.clearance)]
     return roads.nearest(places, -np.minimum(distances_to_walls(places, walls), _PASSING_M))
 
 

@@ -10,6 +10,7 @@ from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Driver, Obstacles
 from agent.exploration.path import GIVE_M
 from agent.geometry.clearance import distance_to_walls
+from protocol.geometry import compose
 from protocol.messages import RobotSpec
 from tests.agent.exploration.test_planning import ROOMY_M, Roads, chain, go, room, two_rooms
 
@@ -87,6 +88,22 @@ def test_a_standing_teammate_is_passed_at_a_distance():
     assert np.hypot(*(poses[:, :2] - disc).T).min() >= 2 * SPEC.radius_m + CONFIG.teammate_air_m - 1e-3
     beside = poses[np.abs(poses[:, 0] - 2.0).argmin()]
     assert beside[1] < 1.0  # on the right
+
+
+@pytest.mark.parametrize("radius_m", [SPEC.radius_m, 0.6, 2.0])
+def test_two_robots_that_meet_pass_each_other_however_large_they_are(radius_m):
+    """From 0.57 m on they stood before each other for ever."""
+    spec, far = RobotSpec(radius_m=radius_m), 8.0
+    driver, poses, walls = Driver(CONFIG, spec), [(0.0, 0.0, 0.0), (far, 0.0, math.pi)], np.zeros((0, 4))
+    for _ in range(300):
+        motions = []
+        for (x, y, theta), other, end in zip(poses, poses[::-1], (2 * far, -far), strict=True):
+            obstacles = Obstacles(walls, np.array([other[:2]]))
+            motions.append(driver.follow(np.array(((x, y), (end, 0.0))), (x, y, theta), obstacles, radius_m))
+        ways = [(motion.speed_mps * TICK_S, 0.0, motion.turn_rps * TICK_S) for motion in motions]
+        poses = [compose(pose, way) for pose, way in zip(poses, ways, strict=True)]
+        assert math.dist(poses[0][:2], poses[1][:2]) > 2 * radius_m
+    assert poses[0][0] > poses[1][0] + 2 * radius_m
 
 
 @pytest.mark.parametrize(

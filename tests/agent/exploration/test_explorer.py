@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
+from agent.exploration import standing
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import MOST_VERTEX_VISITS, VERTEX_VISITS
@@ -589,6 +590,13 @@ def test_a_large_robot_waits_for_a_teammate_that_bars_its_way():
         command = step(robot, situation)
         pose, reasons = moved(pose, command), reasons + [event.data["reason"] for event in command.events]
     assert reasons[0] == "a teammate"
+
+
+@pytest.mark.parametrize(("clearance_m", "x"), [(TIGHT_M, 1.5), (0.6, 3.0)])
+def test_who_makes_room_leaves_as_much_between_as_its_body_takes(clearance_m, x):
+    roads = Roads(Wireframe(), np.zeros(2), clearance_m)
+    route = standing.away_from((0.0, 0.0), np.array(((1.0, 0.0), (1.5, 0.0), (3.0, 0.0))), NO_BARRIER, roads)
+    assert route.path[-1].tolist() == [x, 0.0]
 
 
 @pytest.mark.parametrize(("radius_m", "speed_mps", "ahead_m"), [(2.0, 0.22, 2.02), (0.105, 10.0, 1.55)])
