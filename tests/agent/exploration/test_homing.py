@@ -5,8 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agent.exploration import standing
 from agent.exploration.agenda import Task
-from agent.exploration.homing import EXACT_MAP_M, LAPS_M, MOST_LEFT, MOST_LOOKS, STOPS, SURE_MAP_M, TELLING, Homing
+from agent.exploration.homing import (
+    EXACT_MAP_M,
+    LAPS_M,
+    MOST_BARRED,
+    MOST_LEFT,
+    MOST_LOOKS,
+    STOPS,
+    SURE_MAP_M,
+    TELLING,
+    Homing,
+)
 from agent.exploration.planning import Roads
 from agent.mapping.exactness import Looks
 from tests.agent.exploration.test_planning import chain
@@ -148,6 +159,15 @@ def test_a_wall_that_no_way_leads_to_is_not_looked_at():
     _, _, tasks = driven([0.03], looks=(((12.0, 0.0), 0.3), ((5.0, 4.0), 0.5)), most=3)
     assert [task.kind for task in tasks] == ["home", "look", "lap"]
     assert tuple(tasks[1].stand) == (5.0, 4.0)
+
+
+def test_of_walls_that_no_way_leads_to_some_are_asked_for_one(monkeypatch):
+    """All walls of a hall were, in one tick."""
+    asked, homing = [], Homing()
+    monkeypatch.setattr(standing, "near", lambda *_: asked.append(1))
+    homing.done(Task("home", np.zeros(2), np.zeros(2)))
+    assert homing.next(known(0.03, *(((9.0, 0.1 * k), 0.5) for k in range(400))), [None]) is None
+    assert len(asked) == MOST_BARRED + STOPS + 1  # of a lap
 
 
 def test_a_look_that_an_errand_interrupts_is_made_afterwards_but_not_begun_for_ever():
