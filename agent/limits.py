@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agent.exploration.config import HORIZON_COMMANDS
-from agent.exploration.driving import horizon_m
+from agent.exploration.driving import horizon_m, sees_m
 from protocol.geometry import wrapped
 from protocol.messages import RobotSpec
 
@@ -20,6 +20,9 @@ MOST_BLIND_M = 0.3
 """Metres around the body in which a lidar may measure nothing. Alone in `apartment` for 150 s (two starts), a robot
 mapped 0.88 and 0.93 of the wall with range_min_m 0.12, 0.88 and 0.93 with 0.4, 0.85 and 0.88 with 0.45, 0.86 and 0.79
 with 0.5, and 0.70 and 0.50 with 0.8, where it touched walls, too."""
+LEAST_SIGHT_M = 0.3
+"""Metres around the body that the lidar must see: places to look from are so far apart. With a radius of 0.35 m and a
+range of 0.6 m, and with 0.4 and 0.62, there was none for the end of a wall in the open."""
 MOST_NOISE = 0.03
 """Standard deviation of a range, as a share of it. In the same runs 0.88 and 0.93 of the wall with 0.0175, 0.87 and
 0.85 with 0.03, 0.72 and 0.56 with 0.04, 0.34 and 0.28 with 0.1."""
@@ -48,13 +51,16 @@ def doubts(spec: RobotSpec) -> list[str]:
         found.append(f"{errs}: with more than {100 * MOST_NOISE:g} % walls are missed")
     if lidar.noise_m > MOST_NOISE_M:
         found.append(f"the lidar errs by {lidar.noise_m:g} m: with more than {MOST_NOISE_M:g} m walls are missed")
-    reach_m = lidar.range_max_m - mount_m
+    reach_m = sees_m(lidar)
     need_m = spec.radius_m + horizon_m(spec)
     if reach_m < need_m:
         found.append(
-            f"the lidar sees {max(reach_m, 0.0):.2f} m around the robot, which reaches {need_m:.2f} m within "
+            f"the lidar sees {reach_m:.2f} m around the robot, which reaches {need_m:.2f} m within "
             f"{HORIZON_COMMANDS} scans: it drives into walls; lower spec.max_speed_mps or have the lidar see farther"
         )
+    elif reach_m < spec.radius_m + LEAST_SIGHT_M:
+        near = f"the lidar sees {reach_m:.2f} m around the robot, and the body is {spec.radius_m:g} m of it"
+        found.append(f"{near}: with less than {LEAST_SIGHT_M:g} m more there may be no place to see a wall's end from")
     if lidar.dropout > MOST_LOST:
         lost = f"the lidar loses {100 * lidar.dropout:.4g} % of its beams"
         found.append(f"{lost}: with more than {100 * MOST_LOST:g} % a robot drives into walls")

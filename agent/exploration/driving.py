@@ -10,7 +10,7 @@ from agent.geometry.clearance import distance_to_walls, keeps_clear
 from agent.kernels import kernel
 from protocol.arrays import Floats
 from protocol.geometry import Pose
-from protocol.messages import RobotSpec
+from protocol.messages import LidarSpec, RobotSpec
 
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10  # points of the lookahead that are tried, the farthest first
@@ -125,6 +125,11 @@ def _safe(pose: Pose, speed: float, turn: float, seconds: float, obstacles: Obst
 def horizon_m(spec: RobotSpec) -> float:
     """Metres that the robot drives at most within the commands for which a motion must be free."""
     return HORIZON_COMMANDS * spec.max_speed_mps / spec.lidar.rate_hz
+
+
+def sees_m(lidar: LidarSpec) -> float:
+    """Metres around the robot's middle that its lidar sees, however the robot stands; 0 where that is nothing."""
+    return max(lidar.range_max_m - math.hypot(lidar.mount_x_m, lidar.mount_y_m), 0.0)
 
 
 def passing_m(config: DrivingConfig, spec: RobotSpec) -> float:

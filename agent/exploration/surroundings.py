@@ -10,7 +10,7 @@ import numpy as np
 from agent.errand import Errand
 from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
-from agent.exploration.driving import CLEAR_SIDE_M, LOOKAHEAD_M, Obstacles, horizon_m, passing_m
+from agent.exploration.driving import CLEAR_SIDE_M, LOOKAHEAD_M, Obstacles, horizon_m, passing_m, sees_m
 from agent.exploration.glimpses import SeesPast, sees_nothing
 from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
@@ -126,7 +126,7 @@ class Surroundings:
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
         aside_m = math.hypot(LOOKAHEAD_M, passing_m(driving, spec) + CLEAR_SIDE_M)  # to a point beside a teammate
         self._near_m = max(NEAR_M, self.roomy_m + max(LOOKAHEAD_M + horizon_m(spec), aside_m))
-        self._sight_m = RANGE_SHARE * spec.lidar.range_max_m
+        self._sight_m = RANGE_SHARE * sees_m(spec.lidar)
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
         self._awake = WakingTime(spec.lidar.rate_hz)

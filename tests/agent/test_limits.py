@@ -41,6 +41,7 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
             "sees 0.15 m around the robot, which reaches 0.19",
         ),
         (RobotSpec(radius_m=4.0), "sees 3.50 m"),
+        (RobotSpec(radius_m=0.35, lidar=LidarSpec(range_max_m=0.6)), "the body is 0.35 m of it"),
         (RobotSpec(max_speed_mps=10.0), "lower spec.max_speed_mps"),
         (RobotSpec(radius_m=4.5, lidar=LidarSpec(mount_x_m=-4.0)), "sees 0.00 m"),
         (RobotSpec(lidar=LidarSpec(range_min_m=0.45)), "nothing nearer than 0.45 m"),

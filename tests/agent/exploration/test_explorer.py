@@ -270,6 +270,13 @@ def test_it_looks_from_no_farther_off_than_its_lidar_sees():
     assert math.dist(robot.target.task.stand, robot.target.task.place) < lidar.range_max_m
 
 
+def test_a_lidar_that_is_mounted_aside_sees_less_far_on_the_other_side():
+    wall, lidar = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER), LidarSpec(range_max_m=1.2, mount_x_m=-0.4)
+    robot = explorer(RobotSpec(radius_m=0.5, lidar=lidar))
+    at(wall, robot, range(1), (2.5, 3.5, 0.0))
+    assert math.dist(robot.target.task.stand, robot.target.task.place) < 0.8
+
+
 def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reason():
     """A map that never changes, robots that do not move: bounded trying, then complete all the same."""
     wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
