@@ -149,9 +149,10 @@ class Driver:
         self.config, self.spec = config, spec
         self.tick_s = 1.0 / spec.lidar.rate_hz
         self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
+        self._passing_m = passing_m(config, spec)
+        self.close_m = max(BESIDE_TEAMMATE_M, self._passing_m)  # nearer, a teammate may hold the robot at any speed
         # from there two that drive towards each other are at their limit within the horizon
         self.beside_m = max(BESIDE_TEAMMATE_M, self.limits.disc + 2.0 * horizon_m(spec))
-        self._passing_m = passing_m(config, spec)
         # there they still have the way to the point that they steer for
         self._meet_m = max(MEET_M, self._passing_m + 2.0 * horizon_m(spec) + LOOKAHEAD_M)
 

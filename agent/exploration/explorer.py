@@ -27,6 +27,7 @@ from agent.exploration.path import ARRIVED_M, GIVE_M, ahead_of, length_of, still
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
 from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
+from agent.exploration.teammates import Teammate
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.wall_tiles import wall_tiles
 from agent.mapping.submaps.settled import Settled
@@ -43,7 +44,7 @@ STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44
 """Goals are compared anew where the map has changed, and as much time has passed as a drive of half a doorway takes."""
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
-NO_EYES = np.zeros((0, 2))
+NOBODY = np.zeros((0, 2))
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
@@ -226,7 +227,7 @@ class Explorer:
         news, back = scene.viewpoints is not self.viewpoints.teammates, scene.withdrawn != self._withdrawn
         self.viewpoints.teammates, self._withdrawn = scene.viewpoints, scene.withdrawn
         if (news or back) and self.target is not None and self.target.task.samples is not None:
-            left, swept = self.sweep.left(self.target.task.samples, NO_EYES, scene.viewpoints, scene.walls)
+            left, swept = self.sweep.left(self.target.task.samples, NOBODY, scene.viewpoints, scene.walls)
             self.target.task = self.target.task._replace(samples=left)
             if swept or back:
                 self.target = None
@@ -263,7 +264,7 @@ class Explorer:
                 return
             target.task = task
         elif target.task.samples is not None:
-            left, swept = self.sweep.left(target.task.samples, scene.here[None], NO_EYES, scene.walls)
+            left, swept = self.sweep.left(target.task.samples, scene.here[None], NOBODY, scene.walls)
             if swept:
                 self.viewpoints.keep(scene.tick, scene.here, 0.0)
                 self.sweep.leave(left)
@@ -478,8 +479,7 @@ class Explorer:
             self.headway.restart(scene.awake)
             return STOP
         motion = self.driver.follow(target.path, scene.pose, scene.near, target.clearance - GIVE_M)
-        x, y = scene.here.tolist()
-        mate = self.surroundings.teammates.near(x, y, self.driver.beside_m) if motion.held else None
+        mate = self._held_by(scene, target) if motion.held else None
         pace = self.headway.judge(scene.awake, left_m, mate is not None)
         if pace == "stuck":
             self._stuck(scene, target)
@@ -487,6 +487,16 @@ class Explorer:
             self.surroundings.teammates.avoid(mate, scene.tick)
             self._make_room(scene, target, (mate.x, mate.y))
         return motion
+
+    def _held_by(self, scene: Scene, target: Target) -> Teammate | None:
+        """The teammate that holds the robot back: one close by, or farther off where no wall would hold it."""
+        x, y = scene.here.tolist()
+        mate = self.surroundings.teammates.near(x, y, self.driver.beside_m)
+        if mate is None or math.dist((mate.x, mate.y), (x, y)) < self.driver.close_m:
+            return mate
+        alone = scene.near._replace(discs=NOBODY)
+        motion = self.driver.follow(target.path, scene.pose, alone, target.clearance - GIVE_M)
+        return None if motion.held else mate
 
     def _make_room(self, scene: Scene, target: Target, teammate: tuple[float, float]) -> None:
         """Make room for a teammate: plan around it, or go back to an own former place away from it."""

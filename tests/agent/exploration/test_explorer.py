@@ -614,6 +614,18 @@ def test_neither_a_large_robot_nor_a_fast_one_drives_into_a_wall_ahead(radius_m,
     assert radius_m + horizon_m(spec) * robot.drive_forward(scene).speed_mps / speed_mps < ahead_m
 
 
+def test_a_fast_robot_that_a_wall_holds_takes_no_teammate_aside_for_the_reason():
+    """It waited for one 1.3 m aside, again and again, and was never stuck."""
+    robot = explorer(RobotSpec(max_speed_mps=2.0), default_state="least-likely", pockets=False)
+    room, pane = chain([(-5, -5), (5, -5), (5, 5), (-5, 5), (-5, -5)]), chain([(0.25, -4.9), (0.25, 4.9)])
+    pose, reasons = (3.0, 0.0, math.pi), []
+    for tick in range(40):
+        mates = np.array([relative(pose, (3.0, 1.3 + 0.1 * (tick // 8 % 2), 0.0))[:2]])  # it never stands for 2 s
+        command = step(robot, Situation(tick, room, 1, pose, pane, mates, exactness=known(0.012)))
+        reasons += [event.data["reason"] for event in command.events]
+    assert reasons[:1] == ["no progress"]
+
+
 def test_a_fast_teammate_is_one_teammate():
     """In each tick it was a new one, and the others stayed where it had been."""
     spec = RobotSpec(max_speed_mps=2.0)
