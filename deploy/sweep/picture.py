@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 ACROSS = 3
 """Panels side by side: as wide as a page of a screen."""
-PANEL_IN, ROW_IN, AROUND_IN = 3.6, 0.4, 0.9
-"""Width of a panel, height of a line in it, and of its title and axis."""
-MOST_LINES = 100
-"""Of a panel: more are for the table. With 460 a picture of seven measures is higher than Matplotlib draws."""
+PANEL_IN, ROW_IN, AROUND_IN, TITLE_IN = 3.6, 0.4, 0.9, 0.5
+"""Width of a panel, height of a line in it, and of its title and axis; height of the picture's title."""
+DPI = 120
+TALLEST_IN = 2**14 / DPI
+"""Height of a picture, in which it has the pixels that a browser draws. Matplotlib draws four times as many."""
 
 
 class Panel(NamedTuple):
@@ -50,18 +51,19 @@ def titled(measure: str) -> str:
 def draw(title: str, axis: str, panels: Sequence[Panel], file: Path) -> None:
     """A PNG of the panels, under a title. axis: what the labels are values of. Raises UnwritableError.
 
-    Of panels with more than MOST_LINES it has the first ones, and says so.
+    Of panels that would make it higher than TALLEST_IN it has the first lines, and says so.
     An infinite end of an interval is the panel's edge, and an infinite figure has no point.
     """
     from matplotlib.figure import Figure
 
-    if (lines := max(len(panel.rows) for panel in panels)) > MOST_LINES:
-        title += f", the first {MOST_LINES} lines of {lines}"
-        panels = [panel._replace(rows=panel.rows[:MOST_LINES]) for panel in panels]
     across = min(ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
-    tall = AROUND_IN + ROW_IN * min(lines, MOST_LINES)
-    figure = Figure((PANEL_IN * across + 2, tall * down + 0.5), layout="constrained")
+    most = max(1, int(((TALLEST_IN - TITLE_IN) / down - AROUND_IN) / ROW_IN))
+    if (lines := max(len(panel.rows) for panel in panels)) > most:
+        title += f", the first {most} lines of {lines}"
+        panels = [panel._replace(rows=panel.rows[:most]) for panel in panels]
+    tall = AROUND_IN + ROW_IN * min(lines, most)
+    figure = Figure((PANEL_IN * across + 2, tall * down + TITLE_IN), layout="constrained")
     figure.suptitle(title, fontsize=10, parse_math=False)
     places = figure.subplots(down, across, squeeze=False).ravel()
     for place in places[len(panels) :]:
@@ -74,7 +76,7 @@ def draw(title: str, axis: str, panels: Sequence[Panel], file: Path) -> None:
         elif axis and any(labels):
             places[number].set_ylabel(axis, parse_math=False)
         places[number].set_yticks(range(len(labels)), labels, parse_math=False)
-    write_figure(figure, file, dpi=120)
+    write_figure(figure, file, dpi=DPI)
 
 
 def _fill(axes: "Axes", panel: Panel) -> None:

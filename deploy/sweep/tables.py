@@ -297,7 +297,7 @@ def _varied(points: Sequence[Point]) -> list[str]:
 def _rank(value: str) -> tuple[float, str]:
     """Where JSON stands in a table: nothing first, then numbers by size, then texts."""
     try:
-        return (-math.inf, "") if value in ("", "null") else (float(value), value)
+        return (-math.inf, value) if value in ("", "null") else (float(value), value)
     except ValueError:
         return math.inf, value
 

@@ -100,12 +100,13 @@ def test_medians_are_over_the_seeds_of_runs_that_are_alike(folder: Path) -> None
 def test_lines_stand_in_the_order_of_their_values(folder: Path) -> None:
     """They stood in that of hashes, or of texts."""
     store = Store(folder / "abc", "abc")
-    for range_m in (10, None, 0.5):
-        settings = json.dumps({"world": "office", "radio.range_m": range_m, "seed": 0})
-        store.keep(row(3, 0, 1.0, 1.0) | {"settings": settings, "key": f"{range_m}"})
+    for given in ({"radio.range_m": 10}, {"radio.range_m": None}, {}, {"radio.range_m": 0.5}):
+        settings = json.dumps({"world": "office", "seed": 0} | given)
+        store.keep(row(3, 0, 1.0, 1.0) | {"settings": settings, "key": f"{given}"})
     rows = select(str(folder))[0]
-    assert [line[0] for line in medians(rows, NAMES).lines] == ["null", "0.5", "2", "4", "10"]
-    assert [line[0] for line in against(rows, "radio.range_m=2", ["team.t_90"]).lines] == ["null", "0.5", "4", "10"]
+    assert [line[0] for line in medians(rows, NAMES).lines] == ["", "null", "0.5", "2", "4", "10"]
+    sheet = against(rows, "radio.range_m=2", ["team.t_90"])
+    assert [line[0] for line in sheet.lines] == ["", "null", "0.5", "4", "10"]
 
 
 def asked(text: str, folder: Path, t_90: float) -> None:
@@ -355,10 +356,14 @@ def test_a_picture_of_many_measures_is_no_wider_than_a_page(tmp_path: Path, monk
 
 def test_a_picture_has_no_more_lines_than_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It was an error, and the tables after it were lost."""
-    sheet = Sheet("Medians", ["failed", "a"], [[0, Estimate(float(k), None, None)] for k in range(460)])
-    figure = drawn(sheet, tmp_path, monkeypatch)
-    assert figure.get_suptitle() == "Medians, the first 100 lines of 460"
-    assert len(figure.axes[0].get_yticks()) == 100 and figure.get_size_inches()[1] < 50
+    assert picture.TALLEST_IN * picture.DPI < 2**16  # else Matplotlib draws nothing
+    monkeypatch.setattr(picture, "TALLEST_IN", 10.0)
+    for measures, lines in ((1, 21), (9, 5)):
+        line = [0, *[Estimate(1.0, None, None)] * measures]
+        sheet = Sheet("Medians", ["failed", *map(str, range(measures))], [line] * 30)
+        figure = drawn(sheet, tmp_path, monkeypatch)
+        assert figure.get_suptitle() == f"Medians, the first {lines} lines of 30"
+        assert len(figure.axes[0].get_yticks()) == lines and figure.get_size_inches()[1] <= 10
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
