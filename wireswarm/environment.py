@@ -32,8 +32,8 @@ KIND = "message"
 ALL = 1.0 - 1e-9
 EPISODE_S = 600.0
 """Simulated seconds of an episode. One robot of ours alone sees 99 % of any bundled world's walls in less."""
-OF_OUR_ROBOTS = ("mind", "faults")
-"""Settings of minds, and of their processes: whoever learns drives the robots of an environment."""
+OF_OUR_ROBOTS = ("agent", "mind", "faults")
+"""Settings of minds, ours and others, and of their processes: whoever learns drives the robots of an environment."""
 
 
 def parallel_env(

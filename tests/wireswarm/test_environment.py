@@ -97,7 +97,8 @@ def test_settings_say_what_no_argument_does() -> None:
 
 
 def test_settings_that_an_environment_cannot_heed_are_refused() -> None:
-    for key, value in (("mind", {"*": "a:A"}), ("faults", ["r1@3"]), ("server.real_time", 1.0)):
+    ours = ("agent", {"exploration": {"default_state": "least-likely"}})
+    for key, value in (ours, ("mind", {"*": "a:A"}), ("faults", ["r1@3"]), ("server.real_time", 1.0)):
         with pytest.raises(ConfigError, match=rf"^{key}: .* has no use for it, so leave it out$"):
             wireswarm.parallel_env("apartment", settings={key: value})
     with pytest.raises(ConfigError, match=r"^worlds: at least 1, not 0$"):
