@@ -1,5 +1,6 @@
 """The server from which a run's world and robots are forked. It loads for a second, so it begins first of all."""
 
+import json
 import multiprocessing
 import os
 import signal
@@ -24,6 +25,9 @@ CONTEXT = multiprocessing.get_context("forkserver")
 
 LAUNCHER = "WIRESWARM_LAUNCHER"
 """Tells the server in its environment who launches: where that is killed at once, it has another parent already."""
+
+BEFORE = "WIRESWARM_BEFORE"
+"""Tells a Python that is started in `searching_as_here` what that changed in its environment, as JSON."""
 
 SOCKET_BYTES = 107 - len("/pymp-12345678/listener-12345678")
 """The longest path of a temporary folder in which its socket can have a name: Linux takes 107 bytes (unix(7))."""
@@ -57,15 +61,20 @@ def searching_as_here() -> Iterator[None]:
     """
     there = os.pathsep.join([str(Path(sys.path[0]).absolute()), *filter(None, [os.environ.get("PYTHONPATH")])])
     changed = {"PYTHONSAFEPATH": "1", "PYTHONPATH": there}
-    before = {name: os.environ.get(name) for name in changed}
-    os.environ.update(changed)
+    before = json.dumps({name: os.environ.get(name) for name in changed})
+    os.environ.update(changed | {BEFORE: before})
     try:
         yield
     finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
+        search_as_before()
+
+
+def search_as_before() -> None:
+    """Undo `searching_as_here`, also in a Python that was started inside, for what that starts in turn."""
+    for name, value in json.loads(os.environ.pop(BEFORE, "{}")).items():
+        os.environ.pop(name, None)
+        if value is not None:
+            os.environ[name] = value
 
 
 def kill() -> "list[psutil.Process]":

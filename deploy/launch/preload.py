@@ -1,7 +1,6 @@
 """What all processes of a run have in common; imported once, by the server that they are forked from."""
 
 import gc
-import os
 import sys
 from pickle import UnpicklingError
 from types import TracebackType
@@ -24,10 +23,11 @@ def _load() -> None:
     import agent.shell.process  # noqa: F401
     import deploy.launch.processes  # noqa: F401
     from agent.warmup import rehearse
+    from deploy.launch.forks import search_as_before
 
     rehearse()
     leash.let_go()
-    os.environ.pop("PYTHONSAFEPATH", None)  # of `forks.searching_as_here`: what a mind starts searches as it is used to
+    search_as_before()  # what a mind starts finds modules as it is used to
     gc.freeze()
     gc.enable()
 

@@ -35,33 +35,50 @@ print(ours.wait(), theirs.wait())
 """
 
 
-BESIDE_ANOTHER_AGENT = """
-import sys
+FORKED_BESIDE_ANOTHER_AGENT = """
+import os
 from agent.shell.mind import minds_of
 from deploy.launch import forks
-from deploy.view.beside import beside
-from pathlib import Path
+def told():
+    minds_of({})
+    print(os.environ.get("PYTHONSAFEPATH"), os.environ["PYTHONPATH"])
 if __name__ == "__main__":
     forks.begin()
-    process = forks.CONTEXT.Process(target=minds_of, args=({},))
+    process = forks.CONTEXT.Process(target=told)
     process.start()
     process.join()
-    with beside(Path("run")):
-        print(process.exitcode, forks.os.environ.get("PYTHONSAFEPATH"))
+    told()
+"""
+VIEWED_BESIDE_ANOTHER_AGENT = """
+from pathlib import Path
+from deploy.view.beside import beside
+with beside(Path("run")):
+    pass
 """
 
 
-def test_packages_of_our_names_in_the_working_folder_are_not_taken_for_ours(tmp_path: Path) -> None:
-    """As somebody has who writes minds: a run ended with a traceback."""
+def beside_another_agent(program: str, folder: Path, environment: dict[str, str]) -> tuple[int, str, str]:
+    """Status, stdout and stderr of a script in a working folder with packages of our names, as of who writes minds."""
     for name in ("agent", "world"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit('not ours')")
-    (script := tmp_path / "bin" / "wireswarm").parent.mkdir()
-    script.write_text(BESIDE_ANOTHER_AGENT)
-    environment = os.environ | {"PYTHONPATH": str(REPO)}
-    said = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60
-    )
-    assert (said.returncode, said.stdout, said.stderr) == (0, "0 None\n", "")
+        (folder / f"{name}.py").write_text("raise SystemExit('not ours')")
+    (script := folder / "bin" / "wireswarm").parent.mkdir()
+    script.write_text(program)
+    command, environment = [sys.executable, script], os.environ | {"PYTHONPATH": str(REPO)} | environment
+    said = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
+    return said.returncode, said.stdout, said.stderr
+
+
+@pytest.mark.parametrize("safe", [None, "1"])
+def test_packages_of_our_names_in_the_working_folder_are_not_taken_for_ours(safe: str | None, tmp_path: Path) -> None:
+    """A run ended with a traceback. What a mind starts finds modules as whoever started the run had it."""
+    own = {} if safe is None else {"PYTHONSAFEPATH": safe}
+    said = beside_another_agent(FORKED_BESIDE_ANOTHER_AGENT, tmp_path, own)
+    assert said == (0, f"{safe} {REPO}\n" * 2, "")
+
+
+def test_a_view_beside_a_run_does_not_take_packages_of_our_names_for_ours(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    assert beside_another_agent(VIEWED_BESIDE_ANOTHER_AGENT, tmp_path, {}) == (0, "", "")
 
 
 def test_a_robot_imports_nothing_of_its_own() -> None:
