@@ -40,12 +40,12 @@ POLL_S = 0.1
 def newest() -> Path:
     """The run directory in runs/ that began last. Raises InputError where there is none."""
     begun = list[tuple[str, Path]]()
-    for file in RUNS.glob("*/world.yaml"):
+    for file in (worlds := list(RUNS.glob("*/world.yaml"))):
         with suppress(InputError):
             if isinstance(start := manifest.read(file.parent).get("start"), str):  # else it is damaged
                 begun.append((start, file.parent))
     if not begun:
-        raise InputError(f"{RUNS}/ has no run: name a run directory")
+        raise InputError(f"{RUNS}/ has no run{' whose manifest can be read' if worlds else ''}: name a run directory")
     return max(begun)[1]
 
 
@@ -66,6 +66,7 @@ def view(run: Path, browser: bool, beside: bool) -> None:
     """
     asked = os.getppid()
     if beside:
+        forks.search_as_before()  # as the browser is used to
         try:
             print(READY, flush=True)
         except BrokenPipeError:  # that command is gone already

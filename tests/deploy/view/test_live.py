@@ -287,7 +287,7 @@ def test_a_broken_invitation_is_a_sentence(tmp_path: Path, text: str) -> None:
 
 def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="has no run"):
+    with pytest.raises(InputError, match="has no run: name a run directory"):
         newest()
     for age, name in enumerate(("new", "old")):
         (folder := tmp_path / "runs" / name).mkdir(parents=True)
@@ -295,8 +295,15 @@ def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch
         (folder / "world.yaml").touch()
         os.utime(folder / "world.yaml", (1e9 + age, 1e9 + age))  # a world that goes on writes it anew
     (tmp_path / "runs" / "empty").mkdir()
-    manifest.begin(folder, {})
     assert newest() == Path("runs/new")
+    (folder := tmp_path / "runs" / "damaged").mkdir()
+    manifest.begin(folder, {})
+    (folder / "world.yaml").touch()
+    assert newest() == Path("runs/new")
+    for name in ("new", "old"):
+        manifest.begin(tmp_path / "runs" / name, {})
+    with pytest.raises(InputError, match="has no run whose manifest can be read: name a run directory"):
+        newest()
 
 
 def test_a_page_that_cannot_be_shown_ends_what_plays(monkeypatch: pytest.MonkeyPatch) -> None:
