@@ -36,6 +36,8 @@ class Told:
     """Tick since which it has some version."""
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the one that it has, and those that it was told since."""
+    as_changes: set[int] = field(default_factory=set)
+    """Those of these versions that it was told as changes."""
     whole: list[Part] = field(default_factory=list)
     """All parts of the newest update."""
     parts: list[Part] = field(default_factory=list)
@@ -86,7 +88,7 @@ class Told:
         has_begun_anew = ack == HAS_NO_MAP and self.acked > 0 and not self.parts and not may_be_late
         if ack.version not in self.maps and not has_begun_anew:
             return False  # an answer to an earlier process of this name, or to a version given up since
-        if ack.missing is None and not has_begun_anew and not self._goes_as_changes(ack.version):
+        if ack.missing is None and not has_begun_anew and ack.version not in self.as_changes:
             return False  # who is told the whole needs no base
         if ack.missing is None:  # the peer has lost its base: the whole map goes again
             self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
@@ -99,10 +101,6 @@ class Told:
             self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
             self.parts = [p for p in self.parts if p.version > ack.version]
         return ack.missing is None
-
-    def _goes_as_changes(self, version: int) -> bool:
-        """Whether a version is the newest one, and was told as changes."""
-        return any(part.base > 0 and part.version == version for part in self.whole)
 
 
 def _contradict(one: Pose | None, other: Pose | None) -> bool:
@@ -178,4 +176,5 @@ class Telling:
         told.maps[tick] = coded.map
         for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
             del told.maps[old]
+        told.as_changes = {one for one in told.as_changes if one in told.maps} | ({tick} if version else set())
         return parts

@@ -44,7 +44,7 @@ class PeerLog:
 
     name: str
     map: ReceivedMap | None = None
-    """Its newest map. This is the only place that keeps it."""
+    """Its newest map."""
     weight: Weight = NO_WEIGHT
     """Of that map."""
     waiting: ReceivedMap | None = None
@@ -78,8 +78,10 @@ class PeerLog:
     """Walls that the owners saw themselves, of the own map and of the peer's, at the last alignment."""
     growth: float = 0.0
     """Share of them that one map must gain before the next alignment."""
-    begun_with: ReceivedMap | None = None
-    """Its map when both were last forgotten, as it was started anew, or seemed to be."""
+    begins: bool = False
+    """Whether it was started anew, or its place jumped, and nothing was aligned or proposed since."""
+    jumped_with: ReceivedMap | None = None
+    """Its map at the last jump of its place: this very one is not aligned for another jump."""
     rejections: int = 0
     """Proposals that were rejected since it was last merged."""
     rests_until: int = 0
@@ -171,13 +173,15 @@ class PeerLog:
         self.sighting_is_news, self.explained, self.explained_by_proposal = False, 0, 0
         self.knows_me, self.claim, self.tried_claim, self.frames = False, None, None, {}
         self.thirds_on_trial, self.thirds_tried, self.thirds_map, self.circles_open = 0, None, None, 0
-        self.encounters = []
+        self.encounters, self.begins = [], True
         if self.map is not None and self.map.tick < since:
             self.map_is_old = True
-        if self.map_is_old or self.map is not self.begun_with:  # else the same map is aligned for each jump
-            self.aligned_walls, self.growth, self.begun_with = (0, 0), 0.0, self.map
         if self.waiting is not None and self.waiting.tick < since:
             self.waiting, self.waits = None, False
+
+    def align_anew(self) -> None:
+        """The next alignment waits for no growth of the maps."""
+        self.aligned_walls, self.growth = (0, 0), 0.0
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick; and of the first messages of a contact where both were.
@@ -190,6 +194,9 @@ class PeerLog:
         jump_m = math.dist(sighting.theirs[:2], self.pose[:2]) if self.pose_tick >= 0 else 0.0  # none from nowhere
         if jump_m > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.begin_anew(self.pose_tick + 1)
+            if self.map_is_old or self.map is not self.jumped_with:  # else the same map is aligned for each jump
+                self.align_anew()
+            self.jumped_with = self.map
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

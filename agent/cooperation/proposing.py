@@ -82,7 +82,8 @@ class Aligner:
 
     def take_growth(self, log: PeerLog, own: Wireframe) -> None:
         """Note that both maps are aligned as they are now."""
-        log.aligned_walls, log.growth, log.map_is_news = _own_walls(log, own), RETRY_GROWTH, False
+        log.aligned_walls, log.growth = _own_walls(log, own), RETRY_GROWTH
+        log.map_is_news = log.begins = False
 
     def both(self, log: PeerLog, own: Wireframe) -> tuple[PreparedMap, PreparedMap] | None:
         """The own map and the peer's newest, made ready; None where one is too large."""

@@ -192,6 +192,7 @@ class Team:
         A jump of its place alone may come of a loop that it has closed.
         """
         log.begin_anew(since)
+        log.align_anew()
         log.began_anew = True
         peer = self.peers[log.name]
         if isinstance(peer, Proposed):
@@ -315,8 +316,8 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        begins = isinstance(peer, Unaligned) and log.aligned_walls == (0, 0)  # or begins anew
-        if not log.has_place or (begins and tick < log.rests_until):
+        rests = isinstance(peer, Unaligned) and log.begins and tick < log.rests_until
+        if rests or not log.has_place:
             return False
         if isinstance(peer, Unaligned) and self._align_by_word(peer, own):
             return True
@@ -453,6 +454,7 @@ class Team:
         for sighting in log.sightings:
             self._weigh(trial, sighting)
         proposed = self.peers[log.name] = Proposed(log, log.map, trial, transform_sd_m(alignment))
+        log.begins = False
         self._ask_thirds(proposed)
         self.queue.add(proposed)
         self._say("proposed", log, how, transform, figures)
@@ -530,7 +532,7 @@ class Team:
         """Make the map of a peer of the queue part of the robot's: T = T + transform, fitted on all walls."""
         self.queue.remove(peer)
         merged = self.peers[peer.log.name] = merge(peer, tick, own)
-        peer.log.rejections = 0
+        peer.log.rejections = peer.log.rests_until = 0
         self.changed = True
         return merged
 

@@ -342,6 +342,18 @@ def test_who_is_told_a_whole_map_cannot_lack_its_base() -> None:
         assert [one.anew is not None for one in news] == [kind == DELTA]
 
 
+def test_a_peer_that_begins_anew_is_known_by_its_answer_to_changes_that_newer_ones_have_overtaken() -> None:
+    """At latencies of 4 s and more, of a map that went on changing, each answer was."""
+    pair = Pair(silence_s=30.0)
+    for rooms in range(20, 23):
+        pair.show(comb(rooms))
+        pair.run(30, cut=rooms > 20)
+    first, _ = [Part.decode(send.payload) for _, _, send in pair.sent if send.kind == DELTA]
+    lacks = Heard(tick=pair.tick, sender="b", kind=ACK, payload=Ack(first.version, None).encode())
+    news, _ = pair.robots["a"].hear(pair.tick, [lacks])
+    assert news[0].anew is not None
+
+
 def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:
     for wants_maps in (True, False):
         pair = Pair(wants_maps=wants_maps)  # neither has any wall

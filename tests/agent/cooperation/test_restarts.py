@@ -1,5 +1,6 @@
 """A peer that is started anew, perhaps in another frame, says so, or its place jumps: what may hold no more ends."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -13,7 +14,7 @@ from agent.communication.receiving import ReceivedMap
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.merging import REFUSED_MAPS
 from agent.cooperation.peer import Merged, Peer, PeerLog, Unaligned
-from agent.cooperation.team import REFINE_S, Team
+from agent.cooperation.team import REFINE_S, RESTS, Team
 from agent.cooperation.weight import Weight
 from deploy.bench.alignment.pairs import moved
 from protocol.geometry import Pose, inverted, relative
@@ -141,8 +142,10 @@ def test_who_begins_anew_again_and_again_is_proposed_ever_less_often() -> None:
         proposed += [tick for event in team.events if event.event == "proposed"]
     waited = np.diff(proposed)
     assert (waited[:4] == 25).all() and (waited[4:] >= [150, 450]).all()
-    team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), later.stop, OWN)
-    assert log.rejections == 0
+    merged = team.merge(team.propose(Unaligned(log), BEFORE, OWN, {}), later.stop, OWN)
+    team.undo(merged, "", {})
+    hear(team, later.stop, BEFORE, anew=later.stop, received=of(BEFORE, later.stop))
+    assert team.proposed and log.rejections == 0
 
 
 def test_one_map_is_not_aligned_for_each_jump(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,3 +156,29 @@ def test_one_map_is_not_aligned_for_each_jump(monkeypatch: pytest.MonkeyPatch) -
     for k in range(1, 7):
         hear(team, HEARD + k, (BEFORE, AFTER)[k % 2])
     assert 1 <= align.call_count <= 2
+
+
+def test_who_is_started_anew_twice_from_a_checkpoint_is_proposed_again_with_the_same_map() -> None:
+    """A map that is complete does not grow by the 30 % for which a rejection waits."""
+    team, _ = known()
+    hear(team, HEARD + 5, BEFORE, received=of(BEFORE, HEARD + 4))
+    for tick in (HEARD + 20, HEARD + 100):
+        assert team.proposed
+        hear(team, tick, BEFORE, anew=MET - 25)
+    assert [event.data["reason"] for event in team.events] == ["it was started anew", "aligned"]
+
+
+def test_who_never_begins_anew_has_no_rest() -> None:
+    """Of most walls it heard only, so maps were never aligned: what it says of its frame itself was not proposed."""
+    team, log = known()
+    few = replace(OWN, own=np.arange(len(OWN.own)) < 7)
+    for tick in range(HEARD + 25, HEARD + 25 * (len(RESTS) + 1), 25):
+        received = ReceivedMap(moved(few, inverted(BEFORE)), tick)
+        log.tried_claim = None
+        place = Beacon(tick, relative(BEFORE, THERE))
+        news = News("p", MET, beacon=place, map=received, frame=inverted(BEFORE))
+        team.hear(tick, [news], HERE, SCAN, OWN, [news.peer])
+        team.align_maps(tick, OWN)
+        (peer,) = team.proposed
+        team._reject(tick, peer, "the evidence decides")
+    assert log.rejections == len(RESTS)
