@@ -24,8 +24,8 @@ others' (48 bytes each)."""
 KEPT_ENDS = 400
 """Open ends of one peer that are kept, the newest (32 bytes each): as many goals as a robot remembers."""
 CLOCK_S = 60.0
-"""Who says where it was so long before its newest map had its clock put back: no message is as late. Where that was by
-less, its next maps are soon newer."""
+"""Who says where it was so long before its newest map had its clock put back, or a radio has so much jitter: then the
+map is told again. Where the clock was put back by less, the next map that is newer counts."""
 
 
 class ReceivedMap(NamedTuple):
