@@ -132,9 +132,14 @@ def sees_m(lidar: LidarSpec) -> float:
     return max(lidar.range_max_m - math.hypot(lidar.mount_x_m, lidar.mount_y_m), 0.0)
 
 
-def passing_m(config: DrivingConfig, spec: RobotSpec) -> float:
+def limits_of(config: DrivingConfig, spec: RobotSpec) -> Limits:
+    """How near a robot's centre may come to walls and teammates."""
+    return Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
+
+
+def passing_m(limits: Limits) -> float:
     """Metres between the centres of two robots that pass each other."""
-    return 2.0 * spec.radius_m + config.teammate_air_m + PASS_AIR_M
+    return limits.disc + PASS_AIR_M
 
 
 def ticks_to_drive(metres: float, spec: RobotSpec) -> int:
@@ -148,8 +153,8 @@ class Driver:
     def __init__(self, config: DrivingConfig, spec: RobotSpec) -> None:
         self.config, self.spec = config, spec
         self.tick_s = 1.0 / spec.lidar.rate_hz
-        self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
-        self._passing_m = passing_m(config, spec)
+        self.limits = limits_of(config, spec)
+        self._passing_m = passing_m(self.limits)
         self.close_m = max(BESIDE_TEAMMATE_M, self._passing_m)  # nearer, a teammate may hold the robot at any speed
         # from there two that drive towards each other are at their limit within the horizon
         self.beside_m = max(BESIDE_TEAMMATE_M, self.limits.disc + 2.0 * horizon_m(spec))

@@ -100,11 +100,11 @@ class Homing:
         """To the nearest of those that tell the most among walls with a way; None without, and after the last look."""
         if len(self._looked) == MOST_LOOKS or self._looks_begun == MOST_LOOKS + MOST_LEFT:
             return None
-        places, left_m = exactness.looks()
-        told_m = exactness.sd_m() - left_m
+        sd_m, (places, left_m) = exactness.sd_m(), exactness.looks()
+        told_m = sd_m - left_m
         for place in self._looked:
             told_m[np.hypot(*(places - place).T) < APART_M] = 0.0
-        looks, barred, enough_m = list[Way](), 0, TELLING * exactness.sd_m()
+        looks, barred, enough_m = list[Way](), 0, TELLING * sd_m
         for k in np.argsort(-told_m, kind="stable"):
             if told_m[k] < enough_m or barred == MOST_BARRED:
                 break

@@ -10,7 +10,7 @@ import numpy as np
 from agent.errand import Errand
 from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
-from agent.exploration.driving import CLEAR_SIDE_M, LOOKAHEAD_M, Obstacles, horizon_m, passing_m, sees_m
+from agent.exploration.driving import CLEAR_SIDE_M, LOOKAHEAD_M, Obstacles, horizon_m, limits_of, passing_m, sees_m
 from agent.exploration.glimpses import SeesPast, sees_nothing
 from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
@@ -124,8 +124,9 @@ class Surroundings:
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
-        aside_m = math.hypot(LOOKAHEAD_M, passing_m(driving, spec) + CLEAR_SIDE_M)  # to a point beside a teammate
-        self._near_m = max(NEAR_M, self.roomy_m + max(LOOKAHEAD_M + horizon_m(spec), aside_m))
+        aside_m = passing_m(limits_of(driving, spec)) + CLEAR_SIDE_M  # where it drives to pass a teammate
+        ahead_m = max(LOOKAHEAD_M + horizon_m(spec), math.hypot(LOOKAHEAD_M, aside_m))
+        self._near_m = max(NEAR_M, self.roomy_m + ahead_m)
         self._sight_m = RANGE_SHARE * sees_m(spec.lidar)
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom

@@ -86,8 +86,9 @@ class Wheelpath:
             dx, dy, turn = relative((last[0], last[1], last[2]), own)
             passed_s = max(stamp_s - before, 0.0)
             far = math.hypot(dx, dy) > JUMP_M + 2 * self._spec.max_speed_mps * passed_s
-            told = self.told((last[0], last[1], last[2]))
-            anew = passed_s > APART_S and bool(begins_anew(np.array(told), np.array(pose)))
+            anew = False
+            if passed_s > APART_S:
+                anew = bool(begins_anew(np.array(self.told((last[0], last[1], last[2]))), np.array(pose)))
             if anew or far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
                 self._skip("times at which odometry began anew")
                 own, turn = (last[0], last[1], wrapped(last[2])), 0.0
