@@ -484,7 +484,7 @@ class Explorer:
         if pace == "stuck":
             self._stuck(scene, target)
         elif pace == "impatient" and mate is not None:
-            self.surroundings.teammates.avoid(mate, scene.tick)
+            self.surroundings.teammates.avoid(mate)
             self._make_room(scene, target, (mate.x, mate.y))
         return motion
 

@@ -175,10 +175,21 @@ def test_durations_are_the_same_at_any_rate():
     for robot, ticks in zip(robots, (50, 200), strict=True):
         mates = robot.surroundings.teammates
         mates.update(0, np.array([[1.0, 0.0]]))
-        mates.avoid(mates.known[0], 0)
+        mates.avoid(mates.known[0])
         assert mates.in_the_way(ticks - 1)
         mates.update(ticks, NOBODY)
         assert not mates.in_the_way(ticks)
+
+
+def test_who_is_seen_no_more_is_not_planned_around_for_ever():
+    """A column taken for a teammate once was, as it still seemed to hold the robot (`hall`, three robots, seed 18)."""
+    mates = explorer().surroundings.teammates
+    mates.update(0, np.array([[0.3, 0.0]]))
+    for tick in range(1, 100):
+        if mate := mates.near(0.0, 0.0, 0.6):
+            mates.avoid(mate)
+        mates.update(tick, NOBODY)
+    assert not mates.known
 
 
 def explorer_at(rate_hz: float) -> Explorer:
