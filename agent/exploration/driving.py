@@ -170,14 +170,18 @@ class Driver:
         if len(path) < 2:
             path = np.vstack((path, path))
         point = _steer_point(x, y, path, obstacles.walls, max(clearance_m, self.limits.wall))
+        left_m = math.hypot(path[-1, 0] - x, path[-1, 1] - y)
         if len(obstacles.discs):
-            point = self._aside(point, x, y, obstacles)
-        return self.towards(point, pose, obstacles, math.hypot(path[-1, 0] - x, path[-1, 1] - y))
+            point = self._aside(point, x, y, obstacles, left_m)
+        return self.towards(point, pose, obstacles, left_m)
 
-    def _aside(self, point: tuple[float, float], x: float, y: float, obstacles: Obstacles) -> tuple[float, float]:
+    def _aside(
+        self, point: tuple[float, float], x: float, y: float, obstacles: Obstacles, left_m: float
+    ) -> tuple[float, float]:
         """The point to steer for, or one to the right of it if a teammate is in the way: who meets passes on the right.
 
-        A robot moves over as far as it must, or as the walls let it; the other one does the same.
+        A robot moves over as far as it must, or as the walls let it; the other one does the same. left_m: to the end of
+        the path.
         """
         px, py = point
         way = math.hypot(px - x, py - y)
@@ -185,12 +189,13 @@ class Driver:
             return point
         ux, uy = (px - x) / way, (py - y) / way
         need = self._passing_m
-        nearest, left_of_way = self._meet_m, math.inf
+        meet_m = max(MEET_M, min(self._meet_m, left_m + need))  # who stands farther behind the end is not passed
+        nearest, left_of_way = meet_m, math.inf
         for dx, dy in (obstacles.discs - (x, y)).tolist():
             ahead, left = ux * dx + uy * dy, ux * dy - uy * dx
             if 0.0 < ahead < nearest and abs(left) < need and math.hypot(dx, dy) > 1e-6:
                 nearest, left_of_way = ahead, left
-        if nearest >= self._meet_m:
+        if nearest >= meet_m:
             return point
         # one that is clearly on the right is passed on the left, which is its own right if it comes towards us
         side = -1.0 if left_of_way > -CLEAR_SIDE_M else 1.0

@@ -8,7 +8,7 @@ import pytest
 from agent.exploration import driving
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Driver, Obstacles
-from agent.exploration.path import GIVE_M
+from agent.exploration.path import ARRIVED_M, GIVE_M
 from agent.geometry.clearance import distance_to_walls
 from protocol.geometry import compose
 from protocol.messages import RobotSpec
@@ -106,6 +106,19 @@ def test_two_robots_that_meet_pass_each_other_however_large_they_are(radius_m):
     assert poses[0][0] > poses[1][0] + 2 * radius_m
 
 
+@pytest.mark.parametrize(("radius_m", "speed_mps", "behind_m"), [(0.6, 0.5, 1.51), (1.0, 1.0, 2.4), (2.0, 2.0, 5.0)])
+def test_a_goal_before_a_parked_teammate_is_reached_however_large_the_robot_is(radius_m, speed_mps, behind_m):
+    """It circled about the goal, as it moved over for who stood behind."""
+    spec, pose, goal = RobotSpec(radius_m=radius_m, max_speed_mps=speed_mps), (0.0, 0.0, 0.0), (3.0, 0.0)
+    driver, obstacles = Driver(CONFIG, spec), Obstacles(np.zeros((0, 4)), np.array([[goal[0] + behind_m, 0.0]]))
+    for _ in range(300):
+        if there := math.dist(pose[:2], goal) < 0.5 * ARRIVED_M:
+            break
+        motion = driver.follow(np.array((pose[:2], goal)), pose, obstacles, radius_m)
+        pose = compose(pose, (motion.speed_mps * TICK_S, 0.0, motion.turn_rps * TICK_S))
+    assert there
+
+
 @pytest.mark.parametrize(
     "air",
     [{"wall_air_m": 1e-3, "teammate_air_m": 1.0}, dict.fromkeys(("wall_air_m", "tight_path_air_m", "path_air_m"), 1.0)],
@@ -115,7 +128,7 @@ def test_room_beside_a_teammate_is_looked_for_in_bounded_steps(air, monkeypatch)
     monkeypatch.setattr(driving, "keeps_clear", lambda *_: tries.append(1))  # there is no room at all
     spec = RobotSpec(radius_m=5.0)
     obstacles = Obstacles(np.zeros((0, 4)), np.array([[1.0, 0.0]]))
-    assert Driver(DrivingConfig(**air), spec)._aside((0.5, 0.0), 0.0, 0.0, obstacles) == (0.5, 0.0)
+    assert Driver(DrivingConfig(**air), spec)._aside((0.5, 0.0), 0.0, 0.0, obstacles, 0.5) == (0.5, 0.0)
     assert 0 < len(tries) <= 101
 
 
