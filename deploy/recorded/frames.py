@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.shell.ros2.laser_scan import LEVEL
+from agent.shell.ros2.laser_scan import APART_S, LEVEL
 from deploy.recorded.jumps import are_jumps
+from deploy.recorded.lidar_log import GAP_TIMES
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import rotations
@@ -34,6 +35,7 @@ class _Link:
         self.parent, self.static, self.topic = parent, static, topic
         self.samples = array("d")  # s; m, m, m; quaternion x, y, z, w; s of its arrival; one after the other
         self.others = set[str]()  # topics that tell something else
+        self._sound, self._sound_of = np.zeros((0, WIDTH)), 0  # what `sound` told last, and of how many numbers
 
     @property
     def rows(self) -> Floats:
@@ -63,12 +65,22 @@ class _Link:
 
     def sound(self) -> Floats:
         """(m, WIDTH) the samples in the order of their times, without single ones that contradict those around them."""
-        rows = self.rows[np.argsort(self.rows[:, 0], kind="stable")]
-        alone = np.zeros(len(rows) + 2, np.bool_)  # with one before the first and one behind the last
-        if len(rows) > 2:
-            jumps = _are_jumps(rows[:-1], rows[1:])
-            alone[2:-2] = jumps[:-1] & jumps[1:] & ~_are_jumps(rows[:-2], rows[2:])
-        return rows[~alone[1:-1] | alone[:-2] | alone[2:]]  # where two ways alternate, none is the right one
+        if self._sound_of != len(self.samples):  # a million of them take half a second
+            rows = self.rows[np.argsort(self.rows[:, 0], kind="stable")]
+            alone = np.zeros(len(rows) + 2, np.bool_)  # with one before the first and one behind the last
+            jumps = self._are_jumps(rows[:-1], rows[1:])
+            twice = 1 + np.flatnonzero(jumps[:-1] & jumps[1:])
+            alone[twice + 1] = ~self._are_jumps(rows[twice - 1], rows[twice + 1])
+            # where two ways alternate, none is the right one
+            self._sound, self._sound_of = rows[~alone[1:-1] | alone[:-2] | alone[2:]], len(self.samples)
+        return self._sound
+
+    def _are_jumps(self, a: Floats, b: Floats) -> NDArray[np.bool_]:
+        """(n,) which ways between samples (n, WIDTH), told without their arrival or with it, are jumps."""
+        times = self.rows[:, 0]
+        usual_s = float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
+        silent_s = max(APART_S, GAP_TIMES * usual_s)  # who is told rarely is not silent
+        return are_jumps(_from_above(a), _from_above(b), b[:, 0] - a[:, 0], silent_s)
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,).
@@ -82,7 +94,7 @@ class _Link:
         after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
         a, b = rows[after - 1], rows[np.minimum(after, len(rows) - 1)]
         share = np.clip((times - a[:, 0]) / np.maximum(b[:, 0] - a[:, 0], 1e-9), 0.0, 1.0)
-        share = np.where(_are_jumps(a, b), np.round(share), share)[:, None]
+        share = np.where(self._are_jumps(a, b), np.round(share), share)[:, None]
         near = np.where((a[:, 4:] * b[:, 4:]).sum(1, keepdims=True) < 0, -b[:, 4:], b[:, 4:])
         apart = np.minimum(np.abs(times - a[:, 0]), np.abs(times - b[:, 0]))
         return (rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)
@@ -210,11 +222,6 @@ class Frames:
             raise InputError(f"{frame} is not level in {root}, so that its lidar sees no floor plan")
         headings = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
         return Placed(np.column_stack((place[:, :2], headings)), apart, rarest, up < 0)
-
-
-def _are_jumps(a: Floats, b: Floats) -> NDArray[np.bool_]:
-    """(n,) which ways between samples (n, WIDTH), told without their arrival or with it, are jumps."""
-    return are_jumps(_from_above(a), _from_above(b), b[:, 0] - a[:, 0])
 
 
 def _from_above(rows: Floats) -> Floats:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,13 @@ from mcap.writer import Writer as Mcap
 from rosbags.rosbag1 import Writer
 
 from deploy import cli
+from deploy.recorded import frames
 from deploy.recorded.bag_bounds import zstd
 from deploy.recorded.bags import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import Given, LidarLog
 from deploy.recorded.reading import read_logs
+from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import Pose, compose, relative
 from tests.deploy.recorded.bag_files import KINDS, Said, Speaker, write_bag, yawed
@@ -345,6 +348,37 @@ def test_one_wrong_message_of_odometry_is_left_out(tmp_path: Path) -> None:
     log = read(write_bag(tmp_path, "mcap", in_order([*said, ROS2.odometry(101.5, (99.0, 99.0, 1.0))])))
     assert all(scan.way is not None and np.ptp(scan.way, 0).max() < 0.5 for scan in log.scans)
     assert log.notes[1:] == ["1 messages jump away for a moment with base_link, and are left out"]
+
+
+def test_odometry_that_is_told_once_a_second_brings_a_robot_home(tmp_path: Path) -> None:
+    """Its last metre was taken for odometry that began anew, and scans there were where the nearest message was."""
+
+    def homewards(t: float) -> Pose:
+        return max(5.0 - 0.5 * (t - 100), 0.0), 0.0, 0.0
+
+    said = [ROS2.scan(100 + 0.2 * k, FIVES) for k in range(60)]
+    said += [ROS2.odometry(float(t), homewards(t)) for t in range(100, 115)]
+    for scan in read(write_bag(tmp_path, "mcap", in_order(said))).scans:
+        assert scan.odometry == pytest.approx(homewards(scan.time_s), abs=1e-6)
+
+
+def test_wrong_messages_of_a_link_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For each place of a revolution they took 6 s of two million messages."""
+    tree, looked = Frames(), list[int]()
+    for k in range(100):
+        tree.add("odom", "base_link", 0.1 * k, (0.1 * k, 0, 0, 0, 0, 0, 1))
+    asked = frames.are_jumps
+
+    def counted(before: Floats, *rest: Any) -> Any:
+        looked.append(len(before))
+        return asked(before, *rest)
+
+    monkeypatch.setattr(frames, "are_jumps", counted)
+    for _ in range(3):
+        tree.placed("base_link", "odom", np.array([1.0, 2.0]))
+    assert looked.count(99) == 1
+    tree.add("odom", "base_link", 20.0, (20.0, 0, 0, 0, 0, 0, 1))
+    assert tree.placed("base_link", "odom", np.array([20.0])).poses[0, 0] == 20.0
 
 
 @pytest.mark.parametrize("range_max", [0.0, math.inf, math.nan, 90.0])
