@@ -29,8 +29,9 @@ from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amou
 from deploy.recorded.revolution import KNOTS
 from deploy.recorded.topics import most_of, transforms_beside
 from deploy.recorded.untold import find_untold
+from protocol.arrays import Floats
 from protocol.errors import InputError
-from protocol.geometry import pose_of
+from protocol.geometry import Pose, pose_of
 from protocol.messages import LidarSpec
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -195,8 +196,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     bag.notes += bag.frames.contradictions(bag.lidar_frame, root)
     upside_down, ways = knots[-1].upside_down or bool(given.upside_down), np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(most, given, upside_down)
-    mount = pose_of(bag.frames.placed(bag.lidar_frame, bag.frames.robot(bag.lidar_frame, root), ends[:1]).poses[0])
-    log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes, mount=mount)
+    log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes, mount=_mount(bag, root, ends[:1]))
     told = knots[-1].apart_s, knots[-1].rarest
     for entry, end, way, apart, rarest in zip(usable, ends.tolist(), ways, *told, strict=True):
         if apart > APART_S:
@@ -208,6 +208,14 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
     find_untold(log, given, from_stamp=True)
     return log
+
+
+def _mount(bag: _Bag, root: str, times: Floats) -> Pose | None:
+    """The lidar's on the robot at times (1,); None on one whose frame is not level, as that of a camera."""
+    robot = bag.frames.robot(bag.lidar_frame, root)
+    with suppress(InputError):
+        return pose_of(bag.frames.placed(bag.lidar_frame, robot, times).poses[0])
+    return None
 
 
 def _until_reset(bag: _Bag, root: str, entries: list[BagScan]) -> list[BagScan]:

@@ -432,6 +432,18 @@ def test_a_mount_by_tf_holds_where_odometry_names_no_robot(tmp_path: Path, frame
         assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, 0.5)), abs=1e-4)
 
 
+def test_odometry_of_a_camera_that_looks_ahead_places_a_level_lidar(tmp_path: Path) -> None:
+    """Where the lidar is on the robot, as seen from above, nothing tells: the bag was refused for that."""
+    said = [ROS2.transform(99.0, "camera", "laser", (0, 0, 0.2), (-0.5, 0.5, -0.5, -0.5), "/tf_static"), *drive(ROS2)]
+    for one in said:
+        if one.kind == ODOMETRY:
+            one.message.child_frame_id, (s, c) = "camera", yawed(pose_at(one.t)[2] - 0.5 * math.pi)[2:]
+            turn, half = one.message.pose.pose.orientation, math.sqrt(0.5)
+            turn.x, turn.y, turn.z, turn.w = -half * c, -half * s, half * s, half * c
+    for scan in read(write_bag(tmp_path, "mcap", in_order(said))).scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, 0.0)), abs=1e-6)
+
+
 @pytest.mark.parametrize("frame", ["base_link", "odom"])
 def test_a_mount_holds_where_the_lidars_frame_is_the_robots_or_that_of_odometry(tmp_path: Path, frame: str) -> None:
     said = [ROS2.scan(one.t, FIVES, frame=frame) if one.kind == SCAN else one for one in drive(ROS2)]
