@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from agent.exploration.agenda import Task
+from agent.exploration.driving import sees_m
 from agent.exploration.frontiers import open_ends
 from agent.exploration.lattice import Lattice, inside, lattice_between, marked, take_beside, take_seen
 from agent.exploration.planning import Roads
@@ -167,7 +168,8 @@ class Sweep:
         self.sample_m = smallest_object_m
         self.range = RANGE_SHARE * lidar.range_max_m
         beam, beams = lidar.beam_step, OBJECT_BEAMS + EDGE_BEAMS * (lidar.mixed > 0)
-        self.radius = min(smallest_object_m / (beams * beam), self.range)
+        around = max(RANGE_SHARE * sees_m(lidar), min(self.range, smallest_object_m))  # it may see nothing on one side
+        self.radius = min(smallest_object_m / (beams * beam), around)
         """Distance in metres at which the smallest object gets enough beams to be seen."""
         self._stood: list[tuple[float, float]] = []
         self._slivers = np.zeros((0, 2))

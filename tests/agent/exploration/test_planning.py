@@ -193,6 +193,12 @@ def test_a_sweep_by_a_lidar_that_sees_less_far_than_its_stands_were_apart_leaves
     assert len(unseen) < 0.05 * first
 
 
+@pytest.mark.parametrize(("aside_m", "radius_m"), [(0.0, 0.95 * 1.2), (0.4, 0.95 * 0.8), (1.5, 0.1)])
+def test_what_a_lidar_that_is_mounted_aside_does_not_reach_on_the_other_side_is_not_swept(aside_m, radius_m):
+    lidar = ideal_lidar(range_max_m=1.2, mount_x_m=-aside_m)
+    assert Sweep(0.1, lidar).radius == pytest.approx(radius_m)
+
+
 def test_a_lidar_that_mixes_readings_at_edges_sees_less_far():
     clean, mixing = (Sweep(0.06, ideal_lidar(mixed=mixed)).radius for mixed in (0.0, 0.2))
     assert mixing == pytest.approx(1.43, abs=0.01) and clean > mixing
