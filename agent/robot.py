@@ -14,13 +14,13 @@ from agent.cooperation.team import Team
 from agent.corner_scan import CornerScan, range_noise
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
+from agent.look_round import LookRound
 from agent.mapping.drawing import Drawing
 from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
 from agent.mapping.views import margin_of, sees_places, view_of
-from agent.perception.median_scan import MOST_SCANS
 from agent.perception.perceive import Perception
 from agent.period import Period, in_ticks
 from agent.state import State
@@ -31,10 +31,6 @@ from protocol.wireframe import Wireframe, encode_wireframe
 UPDATE_S = 0.2
 """Scans update the filter this far apart, at least: walls and their ends count scans for and against them, which have
 much the same errors where they come from nearly one place."""
-FIRST_LOOK_S = 10.0
-"""Seconds that a robot stands and looks before it drives, where odometry errs, or less where it has MOST_SCANS before.
-The walls that it sees then hold its heading against wheels of which it knows nothing yet, and its whole map against its
-frame: after 3 s, 15 scans, that of a building of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 
 
 class Step(NamedTuple):
@@ -78,9 +74,7 @@ class Robot:
         self._map_bytes, self._shown_version = encode_wireframe(self.wireframe), self._map.version
         self._update = Period(in_ticks(UPDATE_S, spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
-        self._to_look = 0  # ticks left of the first look
-        if spec.odometry.noisy:
-            self._to_look = min(in_ticks(FIRST_LOOK_S, spec.lidar.rate_hz), MOST_SCANS)
+        self._look_round = LookRound(spec.lidar.rate_hz) if spec.odometry.noisy else None
 
     @property
     def own(self) -> Wireframe:
@@ -103,7 +97,7 @@ class Robot:
         self._own.replace(self.filter.wireframe())
         if not self.filter.is_at_start:
             # without the submaps from before, a map that is merged anew from them would lose the walls from before
-            self.loops, self._to_look = None, 0
+            self.loops, self._look_round = None, None
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -128,8 +122,7 @@ class Robot:
         self._draw_map(tick, own_changed)
         explorer = self.explorer
         scene = explorer.look(self._situation(tick, scan, seen))
-        if self._to_look > 0:
-            self._to_look -= 1
+        if self._looks_round():
             command = explorer.stop("look round")
         elif not len(self.wireframe.edges):
             command = explorer.drive_forward(scene)
@@ -165,6 +158,16 @@ class Robot:
                 PoseReport(tick=tick, pose=pose, teammates=self.team.places.teammates(tick)),
             ),
         )
+
+    def _looks_round(self) -> bool:
+        """Whether the robot stands and looks: first of all, where odometry errs, until it knows how its frame lies."""
+        if self._look_round is None:
+            return False
+        if not self._look_round.goes_on(self.filter.first_heading_sd):
+            self._look_round = None
+            return False
+        self.perception.take_scans(self._look_round.scans)
+        return True
 
     def look(self, observation: Observation) -> Pose:
         """Take a tick in which the robot must stand, or somebody else drives it: it maps on, and plans nothing.

@@ -96,6 +96,7 @@ def _map_and_align() -> None:
     layer = layer_of(_BUILDING, np.zeros(3), np.zeros(len(_BUILDING.edges), np.bool_), 1.0)
     mapped.told_with([layer], _NOISE_M)(None)  # what one peer told, as a third robot is told it: here are but two
     keep_first_look(mapped.edges, mapped.counts, _NOISE_M)  # of robots whose wheels err
+    mapped.first_heading_sd()
     mapped.exactness.sd_m()  # at the end of a run
     mapped.exactness.looks()
     Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, RobotSpec().radius_m)

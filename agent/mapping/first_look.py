@@ -10,11 +10,12 @@ import math
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOISE_FLOOR_M, NOMINAL, OCCLUSION, TELLING_HITS
-from agent.geometry.lines import along
+from agent.geometry.lines import Record, along
+from agent.geometry.matrix3 import inverse
 from agent.kernels import kernel
 from agent.mapping.association import BEST, Gates, associate
 from agent.mapping.edges import TENTATIVE, WALL, set_end, set_tip
-from agent.mapping.joint import has_rows, is_landmark, place_end, row_of
+from agent.mapping.joint import crosswise, has_rows, is_landmark, place_end, row_of
 from agent.mapping.tentative import is_steady, tentative_of
 from protocol.arrays import Floats, Ints, Records
 
@@ -22,6 +23,34 @@ SURE_FACE = 0.3
 """Share of an end's slack up to which hits on the next face may have lengthened its piece. Such an end seems too far
 out by a fifth of the slack, as does the other one of the face, whose direction both tell."""
 LEAST_SCANS = 10.0  # scans that must have hit a wall of the first look: mixed readings at edges show in one or two
+UNKNOWN = 10.0  # m and rad, standard deviation of place and heading before any wall: whole buildings, and all ways
+
+
+@kernel
+def heading_sd(walls: Records, joint: Floats, noise: float) -> float:
+    """How well walls (n,) tell the heading of who comes back to where they were seen from, rad; as they are kept.
+
+    By their lines alone. joint: (m, m), of a robot whose pose is exact and the origin.
+    """
+    info = np.eye(3) / UNKNOWN**2  # of x, y and heading
+    for e in range(min(len(walls), has_rows(joint))):
+        w, row = walls[e], row_of(e)
+        offset, both, direction = joint[row, row], joint[row, row + 1], joint[row + 1, row + 1]
+        regular = offset * direction - both * both
+        if regular <= 0.0 or not (w.kind == WALL or _is_kept(w, noise)):
+            continue
+        same, grows = crosswise(w, (0.0, 0.0, 0.0))
+        for i in range(3):
+            for j in range(3):
+                a, b, c, d = same[2 + i], grows[2 + i], same[2 + j], grows[2 + j]
+                info[i, j] += (direction * a * c - both * (a * d + b * c) + offset * b * d) / regular
+    return math.sqrt(inverse(info)[2, 2])
+
+
+@kernel
+def _is_kept(w: Record, noise: float) -> bool:
+    """Whether a tentative wall becomes one as the robot leaves."""
+    return bool(w.kind == TENTATIVE and w.seen >= LEAST_SCANS and is_steady(w, noise))
 
 
 @kernel
@@ -34,7 +63,7 @@ def keep_first_look(edges: Records, counts: Ints, noise: float) -> None:
     for p in range(len(counts)):
         for e in range(counts[p]):
             w = edges[p, e]
-            if w.kind != TENTATIVE or w.seen < LEAST_SCANS or not is_steady(w, noise):
+            if not _is_kept(w, noise):
                 continue
             w.kind, w.own, w.misses, w.through = WALL, 1, 0.0, 0.0
             for side in range(2):

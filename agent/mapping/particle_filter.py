@@ -15,7 +15,7 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, common_axis
 from agent.mapping.exactness import Exactness
-from agent.mapping.first_look import hold_first_ends, keep_first_look
+from agent.mapping.first_look import heading_sd, hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
 from agent.mapping.joint import (
     AXIS,
@@ -392,6 +392,10 @@ class WireframeFilter:
         joint = self.joint[self.best]
         turned = float(joint[:2, AXIS] @ joint[:2, AXIS]) / joint[AXIS, AXIS] if joint[AXIS, AXIS] > 0.0 else 0.0
         return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
+
+    def first_heading_sd(self) -> float:
+        """How well what was seen tells the heading of who comes back to where it began, rad; before it leaves."""
+        return float(heading_sd(self._walls(), self.joint[self.best], self._noise))
 
     @property
     def exactness(self) -> Exactness:

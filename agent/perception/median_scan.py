@@ -14,8 +14,8 @@ from protocol.arrays import Floats
 from protocol.messages import LidarSpec
 
 MOST_SCANS = 64
-"""At 5 Hz a robot looks for 50, at higher rates until it has as many. Who stands on sees scan by scan from then on: a
-median of so many shows nobody who comes."""
+"""At 5 Hz a robot looks for 50, at higher rates until it has as many, and longer where they tell little. Who stands on
+sees scan by scan from then on: a median of so many shows nobody who comes."""
 MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
 
 
@@ -25,6 +25,7 @@ class MedianScan:
     def __init__(self, lidar: LidarSpec) -> None:
         """Begin without any."""
         self._lidar, self._scans = lidar, list[Floats]()
+        self.most = MOST_SCANS
         self.ended = False
         """Whether the robot has left, or has all scans that it needs: from then on none is taken."""
 
@@ -38,7 +39,7 @@ class MedianScan:
 
         A robot that touches something may be pushed, of which odometry tells nothing.
         """
-        self.ended |= touching or not at_start(odometry) or len(self._scans) == MOST_SCANS
+        self.ended |= touching or not at_start(odometry) or len(self._scans) >= self.most
         if self.ended:
             self._scans.clear()
         else:

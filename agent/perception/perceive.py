@@ -129,6 +129,10 @@ class Perception:
         self._discs, self._places = scan.discs, places
         return scan if company else replace(scan, discs=NO_DISCS)
 
+    def take_scans(self, number: int) -> None:
+        """Take so many scans as one while the robot stands where it began, or as many as it takes anyway."""
+        self._median_scan.most = max(self._median_scan.most, number)
+
     def remember(self, tick: int, pose: Pose) -> None:
         """Note where the last scan's discs are, once the pose is corrected."""
         self._posts.add(tick, apply(pose, self._discs), self._places)

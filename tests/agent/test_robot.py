@@ -9,6 +9,7 @@ import pytest
 
 from agent import warmup
 from agent.config import AgentConfig
+from agent.look_round import LONGER
 from agent.mapping.submaps.segments import SEGMENT
 from agent.mapping.submaps.settled import Settled
 from agent.robot import Robot
@@ -323,3 +324,15 @@ def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, tic
     while not robot.step(observation(stood), []).action.complete and stood < 200:
         stood += 1
     assert stood == ticks  # all of the room is in view
+
+
+def test_who_sees_little_looks_longer_before_it_drives() -> None:
+    """Of `hall`, 10 s of one face of a far column: three robots in ten left with a frame turned by 0.3 degrees."""
+    column = np.array([(2.6, 0.2, 2.6, -0.2), (2.6, -0.2, 3.0, -0.2), (3.0, -0.2, 3.0, 0.2), (3.0, 0.2, 2.6, 0.2)])
+    spec = RobotSpec()
+    lidar, rng, robot = Lidar(column, spec.lidar), np.random.default_rng(0), Robot("r1", spec, AgentConfig(), seed=3)
+    for tick in range(LONGER * 50 + 1):
+        ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [rng])[0]
+        seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0))
+        action = robot.step(seen, []).action
+        assert ((action.speed_mps, action.turn_rps) == (0.0, 0.0)) == (tick < LONGER * 50)

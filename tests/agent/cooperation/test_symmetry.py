@@ -53,7 +53,9 @@ def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_
         team = robot.team
         if observation.tick == 0:
             team._align = lambda *_: False  # type: ignore[method-assign]
-            robot._to_look = 0 if robot.robot == "r1" else 1000  # r2 stands, as it would while it looks round
+            robot._look_round = None
+            if robot.robot == "r2":
+                robot._looks_round = lambda: True  # type: ignore[method-assign]  # it stands
         undone.extend(event.data["reason"] for event in step.action.events if event.event == "unmerged")
         peer = team.peers.get("r2")
         if (
