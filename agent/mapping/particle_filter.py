@@ -394,7 +394,12 @@ class WireframeFilter:
         return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
 
     def first_heading_sd(self) -> float:
-        """How well what was seen tells the heading of who comes back to where it began, rad; before it leaves."""
+        """How well what was seen tells the heading of who comes back to where it began, rad; before it leaves.
+
+        0 where poses are taken as odometry tells them.
+        """
+        if not self._noisy:
+            return 0.0
         return float(heading_sd(self._walls(), self.joint[self.best], self._noise))
 
     @property

@@ -326,13 +326,17 @@ def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, tic
     assert stood == ticks  # all of the room is in view
 
 
-def test_who_sees_little_looks_longer_before_it_drives() -> None:
-    """Of `hall`, 10 s of one face of a far column: three robots in ten left with a frame turned by 0.3 degrees."""
+@pytest.mark.parametrize(("correct_pose", "ticks"), [(True, LONGER * 50), (False, 50)])
+def test_who_sees_little_looks_longer_before_it_drives(correct_pose: bool, ticks: int) -> None:
+    """With 10 s of a far column in `hall` robots left with a frame turned by up to a degree.
+
+    Who does not correct its pose has nothing of it.
+    """
     column = np.array([(2.6, 0.2, 2.6, -0.2), (2.6, -0.2, 3.0, -0.2), (3.0, -0.2, 3.0, 0.2), (3.0, 0.2, 2.6, 0.2)])
-    spec = RobotSpec()
-    lidar, rng, robot = Lidar(column, spec.lidar), np.random.default_rng(0), Robot("r1", spec, AgentConfig(), seed=3)
-    for tick in range(LONGER * 50 + 1):
+    spec, config = RobotSpec(), AgentConfig.model_validate({"filter": {"correct_pose": correct_pose}})
+    lidar, rng, robot = Lidar(column, spec.lidar), np.random.default_rng(0), Robot("r1", spec, config, seed=3)
+    for tick in range(ticks + 1):
         ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [rng])[0]
         seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0))
         action = robot.step(seen, []).action
-        assert ((action.speed_mps, action.turn_rps) == (0.0, 0.0)) == (tick < LONGER * 50)
+        assert ((action.speed_mps, action.turn_rps) == (0.0, 0.0)) == (tick < ticks)
