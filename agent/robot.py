@@ -14,7 +14,7 @@ from agent.cooperation.team import Team
 from agent.corner_scan import CornerScan, range_noise
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
-from agent.look_round import LookRound
+from agent.look_round import HELD_RAD, LookRound
 from agent.mapping.drawing import Drawing
 from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
@@ -163,11 +163,15 @@ class Robot:
         """Whether the robot stands and looks: first of all, where odometry errs, until it knows how its frame lies."""
         if self._look_round is None:
             return False
-        if not self._look_round.goes_on(self.filter.first_heading_sd):
+        if not self._look_round.goes_on(self._knows_little):
             self._look_round = None
             return False
         self.perception.take_scans(self._look_round.scans)
         return True
+
+    def _knows_little(self) -> bool:
+        """Whether the robot would know how its frame lies better if it looked on: not once it was moved or pushed."""
+        return self.perception.takes_as_one and self.filter.first_heading_sd() > HELD_RAD
 
     def look(self, observation: Observation) -> Pose:
         """Take a tick in which the robot must stand, or somebody else drives it: it maps on, and plans nothing.
@@ -178,6 +182,7 @@ class Robot:
         self._map_scan(observation, {""})
         self.team.changed = False  # what changed in the last step is known to `_laying`
         self._draw_map(observation.tick, self._own.update(self.filter.wireframe()))
+        self._looks_round()  # who must stand looks, too
         return self.filter.pose
 
     def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:

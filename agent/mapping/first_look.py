@@ -30,7 +30,8 @@ UNKNOWN = 10.0  # m and rad, standard deviation of place and heading before any 
 def heading_sd(walls: Records, joint: Floats, noise: float) -> float:
     """How well walls (n,) tell the heading of who comes back to where they were seen from, rad; as they are kept.
 
-    By their lines alone. joint: (m, m), of a robot whose pose is exact and the origin.
+    By their lines alone. joint: (m, m), of a robot whose pose is exact and the origin: walls err independently of each
+    other.
     """
     info = np.eye(3) / UNKNOWN**2  # of x, y and heading
     for e in range(min(len(walls), has_rows(joint))):

@@ -129,6 +129,11 @@ class Perception:
         self._discs, self._places = scan.discs, places
         return scan if company else replace(scan, discs=NO_DISCS)
 
+    @property
+    def takes_as_one(self) -> bool:
+        """Whether the last scan was taken as one with those before it, as the robot stands where it began."""
+        return self._median_scan.number > 0
+
     def take_scans(self, number: int) -> None:
         """Take so many scans as one while the robot stands where it began, or as many as it takes anyway."""
         self._median_scan.most = max(self._median_scan.most, number)

@@ -326,17 +326,31 @@ def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, tic
     assert stood == ticks  # all of the room is in view
 
 
-@pytest.mark.parametrize(("correct_pose", "ticks"), [(True, LONGER * 50), (False, 50)])
-def test_who_sees_little_looks_longer_before_it_drives(correct_pose: bool, ticks: int) -> None:
+COLUMN = np.array([(2.6, 0.2, 2.6, -0.2), (2.6, -0.2, 3.0, -0.2), (3.0, -0.2, 3.0, 0.2), (3.0, 0.2, 2.6, 0.2)])
+
+
+@pytest.mark.parametrize(("held", "pushed_at", "correct_pose", "ticks"), [
+    (0, 9999, True, LONGER * 50),
+    (0, 9999, False, 50),
+    (0, 20, True, 50),
+    (70, 9999, True, LONGER * 50),
+    (300, 9999, True, 300),
+])  # fmt: skip
+def test_who_sees_little_looks_longer_before_it_drives(
+    held: int, pushed_at: int, correct_pose: bool, ticks: int
+) -> None:
     """With 10 s of a far column in `hall` robots left with a frame turned by up to a degree.
 
-    Who does not correct its pose has nothing of it.
+    Who does not correct its pose, or was pushed, has nothing of it; who must stand for a while looks meanwhile.
     """
-    column = np.array([(2.6, 0.2, 2.6, -0.2), (2.6, -0.2, 3.0, -0.2), (3.0, -0.2, 3.0, 0.2), (3.0, 0.2, 2.6, 0.2)])
     spec, config = RobotSpec(), AgentConfig.model_validate({"filter": {"correct_pose": correct_pose}})
-    lidar, rng, robot = Lidar(column, spec.lidar), np.random.default_rng(0), Robot("r1", spec, config, seed=3)
+    lidar, rng, robot = Lidar(COLUMN, spec.lidar), np.random.default_rng(0), Robot("r1", spec, config, seed=3)
     for tick in range(ticks + 1):
         ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [rng])[0]
-        seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0))
+        odometry = (0.1 if tick >= pushed_at else 0.0, 0.0, 0.0)
+        seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=odometry)
+        if tick < held:
+            robot.look(seen)
+            continue
         action = robot.step(seen, []).action
         assert ((action.speed_mps, action.turn_rps) == (0.0, 0.0)) == (tick < ticks)
