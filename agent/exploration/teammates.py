@@ -15,7 +15,9 @@ from protocol.messages import RobotSpec
 _SAME_M = 0.3  # a teammate seen this near to where one was is the same one, and a fast one also farther
 TEAMMATE_STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
-AVOID_S = 10.0  # for so long after it was seen last a teammate that did not clear the way is planned around: 2 m of way
+AVOID_S = 10.0
+"""A teammate that did not clear the way is planned around for so long after it was seen last: it drives 2 m in the
+time."""
 ROOM_M = 0.045  # air around a teammate that is planned around: with a tight path's, a little more than driving asks
 _SIDES = 8  # corners of the polygon that stands for a teammate; its edges are within 8 % of the disc
 _OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.shell.ros2.laser_scan import APART_S, LEVEL
+from agent.shell.ros2.laser_scan import LEVEL
 from deploy.recorded.jumps import are_jumps
-from deploy.recorded.lidar_log import GAP_TIMES
+from deploy.recorded.lidar_log import gap_of
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import rotations
@@ -36,6 +36,7 @@ class _Link:
         self.samples = array("d")  # s; m, m, m; quaternion x, y, z, w; s of its arrival; one after the other
         self.others = set[str]()  # topics that tell something else
         self._sound, self._sound_of = np.zeros((0, WIDTH)), 0  # what `sound` told last, and of how many numbers
+        self._gap_s = 0.0  # of these, as of `gap_of`
 
     @property
     def rows(self) -> Floats:
@@ -66,6 +67,7 @@ class _Link:
     def sound(self) -> Floats:
         """(m, WIDTH) the samples in the order of their times, without single ones that contradict those around them."""
         if self._sound_of != len(self.samples):  # a million of them take half a second
+            self._gap_s = gap_of(np.abs(np.diff(self.rows[:, 0])))
             rows = self.rows[np.argsort(self.rows[:, 0], kind="stable")]
             alone = np.zeros(len(rows) + 2, np.bool_)  # with one before the first and one behind the last
             jumps = self._are_jumps(rows[:-1], rows[1:])
@@ -77,10 +79,7 @@ class _Link:
 
     def _are_jumps(self, a: Floats, b: Floats) -> NDArray[np.bool_]:
         """(n,) which ways between samples (n, WIDTH), told without their arrival or with it, are jumps."""
-        times = self.rows[:, 0]
-        usual_s = float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
-        silent_s = max(APART_S, GAP_TIMES * usual_s)  # who is told rarely is not silent
-        return are_jumps(_from_above(a), _from_above(b), b[:, 0] - a[:, 0], silent_s)
+        return are_jumps(_from_above(a), _from_above(b), b[:, 0] - a[:, 0], self._gap_s)
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,).

@@ -22,14 +22,14 @@ LONG_MPS = 2.0  # and more than this in what of the time is beyond APART_S: nobo
 JUMP_RAD, JUMP_RPS = 1.0, 4.0  # so are turns
 
 
-def are_jumps(before: Floats, after: Floats, seconds: Floats, silent_s: float = APART_S) -> NDArray[np.bool_]:
+def are_jumps(before: Floats, after: Floats, seconds: Floats, gap_s: float) -> NDArray[np.bool_]:
     """(n,) which ways from poses (n, 3) to others, each in its time (n,), no robot has gone.
 
-    Poses are those that odometry tells of the robot. silent_s: from here on it may have begun anew.
+    Poses are those that odometry tells of the robot. gap_s: as of `gap_of`. Only after a pause it may have begun anew.
     """
     metres, turns = np.hypot(*(after - before)[:, :2].T), np.abs(wrapped(after[:, 2] - before[:, 2]))
     far = metres > JUMP_M + JUMP_MPS * np.minimum(seconds, APART_S) + LONG_MPS * np.maximum(seconds - APART_S, 0.0)
-    anew = (seconds > silent_s) & begins_anew(before, after)
+    anew = (seconds > max(APART_S, gap_s)) & begins_anew(before, after)
     return np.asarray(far | anew | (turns > JUMP_RAD + JUMP_RPS * seconds), np.bool_)
 
 
@@ -40,7 +40,7 @@ def mend_jumps(log: LidarLog) -> None:
         return
     off = inverted(log.mount or (0.0, 0.0, 0.0))
     poses = np.array([compose(scan.odometry, off) for scan in scans])
-    at = np.flatnonzero(are_jumps(poses[:-1], poses[1:], steps_s, max(APART_S, log.gap_s()))) + 1
+    at = np.flatnonzero(are_jumps(poses[:-1], poses[1:], steps_s, log.gap_s())) + 1
     for begin, end in pairwise([*at.tolist(), len(scans)]):
         last, step = scans[begin - 1], (0.0, 0.0, 0.0)
         if begin > 1:

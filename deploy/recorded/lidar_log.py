@@ -4,7 +4,6 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +65,11 @@ def check_amount(scans: int, readings: int) -> None:
         raise InputError(f"more than {MAX_SCANS} scans; split it")
     if readings > MAX_READINGS:
         raise InputError(f"more than {MAX_READINGS // 1_000_000} million readings; split it")
+
+
+def gap_of(steps_s: Floats) -> float:
+    """Seconds from one to the next of what comes in such steps (n,): more than that is a pause."""
+    return max(GAP_S, GAP_TIMES * float(np.median(steps_s))) if len(steps_s) else GAP_S
 
 
 @dataclass
@@ -182,7 +186,7 @@ class LidarLog:
 
     def gap_s(self) -> float:
         """Seconds from scan to scan up to which the log does not pause."""
-        return max(GAP_S, GAP_TIMES * median(self._steps_s() or [0.0]))
+        return gap_of(np.array(self._steps_s()))
 
     def _steps_s(self) -> list[float]:
         return [b.time_s - a.time_s for a, b in pairwise(self.scans)]

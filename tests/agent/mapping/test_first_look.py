@@ -32,19 +32,15 @@ def test_one_wall_tells_the_heading_as_its_direction_is_known(sd_rad: float) -> 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_several_walls_tell_it_as_the_best_fit_of_drawn_errors_says(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    joint, blocks, slopes = np.zeros((row_of(3), row_of(3))), [], []
+    rng, size = np.random.default_rng(seed), row_of(len(WALLS))
+    joint, rows, slopes = np.zeros((size, size)), list[int](), []
     for e, (x, y, ux, uy) in enumerate(WALLS):
-        mixes = rng.normal(0.0, 1.0, (2, 2)) * np.array([[0.003], [0.02]])
-        blocks.append(mixes @ mixes.T)
-        joint[row_of(e) : row_of(e) + 2, row_of(e) : row_of(e) + 2] = blocks[-1]
+        line, mixes = slice(row_of(e), row_of(e) + 2), rng.normal(0.0, 1.0, (2, 2)) * np.array([[0.003], [0.02]])
+        joint[line, line] = mixes @ mixes.T
+        rows += range(line.start, line.stop)
         # a robot that is (a, b) off and turned by c sees the wall farther to its left by what its point moves across
         slopes += [[uy, -ux, -x * ux - y * uy], [0.0, 0.0, -1.0]]
-    info = np.zeros((3, 3))
-    for e, block in enumerate(blocks):
-        rows = np.array(slopes[2 * e : 2 * e + 2])
-        info += rows.T @ np.linalg.inv(block) @ rows
-    weights = np.linalg.solve(info, np.concatenate([rows.T @ np.linalg.inv(b) for rows, b in zip(
-        np.array(slopes).reshape(3, 2, 3), blocks, strict=True)], axis=1))  # fmt: skip
-    drawn = np.concatenate([rng.multivariate_normal((0.0, 0.0), block, 20_000) for block in blocks], axis=1)
-    assert heading_sd(seen(3), joint, 0.01) == pytest.approx(float((drawn @ weights.T)[:, 2].std()), rel=0.03)
+    errs, toward = joint[np.ix_(rows, rows)], np.array(slopes)
+    weights = np.linalg.solve(toward.T @ np.linalg.solve(errs, toward), np.linalg.solve(errs, toward).T)
+    headings = rng.multivariate_normal(np.zeros(len(rows)), errs, 20_000) @ weights[2]
+    assert heading_sd(seen(3), joint, 0.01) == pytest.approx(float(headings.std()), rel=0.03)
