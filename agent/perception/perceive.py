@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
+from agent.corner_scan import BRIDGE_M, NOISE_FLOOR_M, NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
 from agent.geometry.clearance import distance_to_walls, walls_near
 from agent.kernels import kernel
 from agent.perception.beams import Beams, ring_of, width_of
@@ -192,7 +192,8 @@ def perceive(
     pieces, explained = np.zeros(0, PIECE), np.zeros(len(hidden), np.bool_)
     if len(used) >= MIN_HITS:
         cut = piecewise if method == "piecewise" else split_and_merge
-        cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
+        floor = np.maximum(noise[used], NOISE_FLOOR_M)  # that a median is exact makes no corners of what is uneven
+        cuts, sums = cut(beams.distances[used], beams.bearings[used], floor)
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
         unit, farthest = range_noise(lidar), lidar.range_max_m
         range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, lidar.noise_share > 0, bridge_m)
