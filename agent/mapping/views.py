@@ -18,6 +18,11 @@ STEP_M = 0.08  # distance of the samples at which a wall is compared with a scan
 MARGIN_M = 0.035  # a wall this near to what was seen is what was seen, at least: 3.5 sd of the default lidar's ranges
 NEAREST_M = 1e-6  # a point nearer to the lidar has no bearing
 END_SKIP_M = 0.05  # the ends of a wall are not compared with a scan: their place is known to about a beam
+EDGEWISE = math.sin(math.radians(30.0))
+FEWEST = 3.0
+"""Beams that a wall would stop, for a view that is flatter than EDGEWISE to see through it. One that meets a thin plate
+is nearer than the wall behind by no more than noise, and the wall is one piece. From the front each beam counts: a post
+of 0.1 m that is gone would stop two at 3 m."""
 PROBES, PROBES_THROUGH = 7, 3
 """Bearings across a place at which a scan is asked, and those that must show something beyond it."""
 PROBED = 0.7
@@ -141,8 +146,9 @@ def samples_along(wall: Record, step: float) -> Samples:
 def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     """What the scan saw at coordinate t of a wall, the piece met, and whether the robot is on the free side.
 
-    UNSEEN also where the ray is so flat that it may have passed beside the wall. A wall that may end before t, as the
-    robot knows it from where it is, is seen through only where all is open that it may be in.
+    UNSEEN also where the ray is so flat that it may have passed beside the wall, or beams beside a thin plate. A wall
+    that may end before t, as the robot knows it from where it is, is seen through only where all is open that it may
+    be in.
     """
     x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
     side, distance = above(wall, view.pose[0], view.pose[1]), math.hypot(x - view.pose[0], y - view.pose[1])
@@ -150,8 +156,12 @@ def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     if known:
         beside = _aside(wall, t) * abs(side) / max(distance, NEAREST_M) ** 2
     saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if known else 0.0, beside)
+    beams = 0.5 * length(wall) * abs(side) / (distance**2 * view.sight.half_beam)  # that the wall would stop
+    edgewise = abs(side) < EDGEWISE * distance and beams < FEWEST
     flat = GRAZING * distance
-    return UNSEEN if abs(side) < flat else saw, piece, side > flat
+    if abs(side) < flat or (saw == THROUGH and edgewise):
+        saw = UNSEEN
+    return saw, piece, side > flat
 
 
 @kernel
