@@ -146,20 +146,20 @@ def samples_along(wall: Record, step: float) -> Samples:
 def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     """What the scan saw at coordinate t of a wall, the piece met, and whether the robot is on the free side.
 
-    UNSEEN also where the ray is so flat that it may have passed beside the wall, or beams beside a thin plate. A wall
-    that may end before t, as the robot knows it from where it is, is seen through only where all is open that it may
-    be in.
+    UNSEEN also where the ray is so flat that it may have passed beside the wall, and in flat views of which too few
+    beams would have met it. A wall that may end before t, as the robot knows it from where it is, is seen through only
+    where all is open that it may be in.
     """
     x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
     side, distance = above(wall, view.pose[0], view.pose[1]), math.hypot(x - view.pose[0], y - view.pose[1])
+    turns = abs(side) / max(distance, NEAREST_M) ** 2  # rad, of the ray for a metre along the wall
     known, beside = related(wall), 0.0
     if known:
-        beside = _aside(wall, t) * abs(side) / max(distance, NEAREST_M) ** 2
+        beside = _aside(wall, t) * turns
     saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if known else 0.0, beside)
-    beams = 0.5 * length(wall) * abs(side) / (distance**2 * view.sight.half_beam)  # that the wall would stop
-    edgewise = abs(side) < EDGEWISE * distance and beams < FEWEST
     flat = GRAZING * distance
-    if abs(side) < flat or (saw == THROUGH and edgewise):
+    edgewise = abs(side) < EDGEWISE * distance
+    if abs(side) < flat or (edgewise and saw == THROUGH and length(wall) * turns < 2 * FEWEST * view.sight.half_beam):
         saw = UNSEEN
     return saw, piece, side > flat
 

@@ -19,7 +19,7 @@ sees scan by scan from then on: a median of so many shows nobody who comes."""
 UNEVEN_M = 0.0015
 """Least standard deviation of a median from the wall: finished walls may be off by 3 mm within 0.1 m (DIN 18202). With
 the floor of a single scan, twice as much, 40 faces of columns in `hall` were turned by half of their deviation, and
-where a robot had begun beside a lone column its map was turned by 0.4 degrees (recall 0.80 and 0.85; now 1)."""
+where a robot had begun beside a lone column its map was turned by 0.4 degrees (two runs: recall 0.80, 0.85; now 1)."""
 MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
 
 

@@ -192,8 +192,8 @@ def perceive(
     pieces, explained = np.zeros(0, PIECE), np.zeros(len(hidden), np.bool_)
     if len(used) >= MIN_HITS:
         cut = piecewise if method == "piecewise" else split_and_merge
-        floor = np.maximum(noise[used], NOISE_FLOOR_M)  # that a median is exact makes no corners of what is uneven
-        cuts, sums = cut(beams.distances[used], beams.bearings[used], floor)
+        # however exact a median is, what is uneven has no corners
+        cuts, sums = cut(beams.distances[used], beams.bearings[used], np.maximum(noise[used], NOISE_FLOOR_M))
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
         unit, farthest = range_noise(lidar), lidar.range_max_m
         range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, lidar.noise_share > 0, bridge_m)
