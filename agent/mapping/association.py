@@ -32,6 +32,12 @@ LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have 
 OF_TWO_WALLS = -2
 """In place of a piece's wall: it has hits on two, and tells nothing of either. From 2.5 m away the back of a shelf and
 the wall 65 mm behind it are one piece, which scan after scan moved the wall onto the shelf's back."""
+UNSURE_DIRECTION = math.radians(5.0)
+"""A piece whose own direction is known no better is of few beams, or was seen while the robot turned: it may be of two
+faces (of a column of 0.4 m from 2 m on, of a face of 0.15 m from 0.7 m), or of any wall within reach."""
+KNOWN_M = 0.025
+"""Deviation up to which a robot knows where a wall is: the gate is 0.09 m then, and the back of a shelf nearer."""
+BESIDE_M = 1.0  # so far along a known wall, it tells where the uncertain one on its line should be
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -118,20 +124,66 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
 
 
 @kernel
-def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
-    """Whether a piece turns a corner where a wall goes on, and lies off it by more than its own noise.
+def is_unsure(p: Record, noise: float) -> bool:
+    """Whether a piece's own direction is not known."""
+    return bool(noise > UNSURE_DIRECTION * math.sqrt(p.spread))
 
-    Where a robot knows a wall to some centimetres only, such a piece may be the back of a shelf before that wall. Taken
-    for it scan after scan, it moved the robot by what lay between the two.
+
+@kernel
+def stands_before(edges: Records, count: int, e: int, p: Record, gates: Gates) -> bool:
+    """Whether a piece is, or may be, of something that stands before a wall of `count`, as the back of a shelf does.
+
+    Where a robot knows a wall to some centimetres only, both are within its gate. Taken for the wall scan after scan,
+    the shelf moved the robot by what lay between the two.
     """
+    return _turns_before(edges[e], p, gates) or _may_be_before(edges, count, e, p, gates)
+
+
+@kernel
+def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
+    """Whether a piece turns a corner where a wall goes on, and lies off it by more than its own noise."""
     t, off = along(e, p.x, p.y), abs(above(e, p.x, p.y))
     if off <= gates.offset + TURNING_SIGMAS * gates.noise / math.sqrt(p.hits):
         return False
     if not related(e) or direction_sd(e, gates.noise) > LOST_RAD:
         return False
-    for side in range(2):
-        corner = t + p.end[side]
-        if p.label[side] == NOMINAL and tip_at(e, 0) + GOES_ON_M < corner < tip_at(e, 1) - GOES_ON_M:
+    return _turns_inside(p, e, t + p.end[0], t + p.end[1])
+
+
+@kernel
+def _turns_inside(x: Record, e: Record, tail: float, head: float) -> bool:
+    """Whether a piece or wall x, whose ends are so many metres along wall e, has a corner where that goes on."""
+    low, high = tip_at(e, 0) + GOES_ON_M, tip_at(e, 1) - GOES_ON_M
+    return bool((x.label[0] == NOMINAL and low < tail < high) or (x.label[1] == NOMINAL and low < head < high))
+
+
+@kernel
+def turns_where_other_goes_on(w: Record, e: Record) -> bool:
+    """Whether wall w has a corner where wall e goes on."""
+    tail, head = along(e, w.tip[0, 0], w.tip[0, 1]), along(e, w.tip[1, 0], w.tip[1, 1])
+    return _turns_inside(w, e, tail, head)
+
+
+@kernel
+def _may_be_before(edges: Records, count: int, e: int, p: Record, gates: Gates) -> bool:
+    """Whether a piece that could be of any wall within reach is at an uncertain one, and a known one goes by there.
+
+    In `pal_home_w` a robot knew one end of a wall to 40 mm, the other to 6, and the back of a shelf between them showed
+    a few beams: they moved the robot onto it, by 60 mm, and half of its map with it. Where nothing is known beside,
+    such beams are of the wall: in `hall` the far faces of columns put the pose right.
+    """
+    if not is_unsure(p, gates.noise) or not related(edges[e]):
+        return False
+    sd = line_sd(edges[e], along(edges[e], p.x, p.y), gates.noise)
+    if sd <= KNOWN_M:
+        return False
+    for f in range(count):
+        w = edges[f]
+        if f == e or w.kind != WALL or not related(w) or not _faces(w, p):
+            continue
+        t = along(w, p.x, p.y)
+        is_near = _shared(w, p, t) > -BESIDE_M and abs(above(w, p.x, p.y)) <= gates.offset + NOISE_SIGMAS * sd
+        if is_near and line_sd(w, t, gates.noise) <= KNOWN_M:
             return True
     return False
 
@@ -273,7 +325,7 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
             if is_off(lines.rows[e], pieces[k], gates):
                 continue
             shared = overlap(edges[e], pieces[k], gates)
-            if math.isfinite(shared) and not _turns_before(edges[e], pieces[k], gates):
+            if math.isfinite(shared) and not stands_before(edges, count, e, pieces[k], gates):
                 chi2[j] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
                 if chi2[j] < best:
                     best, out[k] = chi2[j], e

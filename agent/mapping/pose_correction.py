@@ -12,7 +12,15 @@ import numpy as np
 from agent.corner_scan import NOISE_FLOOR_M, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import OF_TWO_WALLS, Gates, cost, overlap
+from agent.mapping.association import (
+    OF_TWO_WALLS,
+    Gates,
+    cost,
+    is_unsure,
+    overlap,
+    stands_before,
+    turns_where_other_goes_on,
+)
 from agent.mapping.edges import WALL, common_axis, length, off_axis, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
@@ -52,15 +60,13 @@ turned by 10 degrees would turn the robot by 0.4 degrees a second."""
 MAX_OFF_AXIS = 0.2  # rad, a piece that is more oblique belongs to no wall on the axis
 WALL_FLOOR = math.radians(0.2)  # least sd of a wall's direction, beside its covariance: walls are not straight
 
-UNSURE_DIRECTION = math.radians(5.0)
-"""A piece whose own direction is known no better may be of two faces: of a column of 0.4 m from 2 m on, of a face of
-0.15 m from 0.7 m. It lies 2 to 20 mm behind the wall, in a hundred scans alike, and is turned by up to 30 degrees.
-Where it shares a corner with the next piece it is of one: 2,200 such pieces of columns lay 0.5 mm off in the mean, and
-were turned by 0.5 to 0.7 of their deviation (rms). So were 2,400 in the middle of walls, 2 mm off."""
 UNSURE_WORTH = 0.1
-"""Weight of such a piece's place: it errs alike in all scans from one spot, and ten of these count as one. Its
-direction counts for nothing: at this worth it turned robots, and told no more of their heading (36 starts in `hall`:
-maps turned by 0.30 degrees, now by 0.24, and their walls 6.7 mm off in themselves, now 4.9; rms)."""
+"""Weight of the place of a piece that may be of two faces. It lies 2 to 20 mm behind the wall and is turned by up to 30
+degrees, in a hundred scans from one spot alike, so ten of these count as one. (Where it shares a corner with the next
+piece it is of one face: 2,200 such pieces of columns lay 0.5 mm off in the mean, and were turned by 0.5 to 0.7 of their
+deviation, rms. So were 2,400 in the middle of walls, 2 mm off.) Its direction counts for nothing: at this worth it
+turned robots, and told no more of their heading (36 starts in `hall`: maps turned by 0.30 degrees, now by 0.24, and
+their walls 6.7 mm off in themselves, now 4.9; rms)."""
 
 
 class Axis(NamedTuple):
@@ -158,7 +164,7 @@ def correct_pose(
         p = pieces[k]
         if walls[k] >= 0:
             for e in range(count):
-                if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
+                if e == walls[k] or _lies_on_too(edges, count, e, p, walls[k], gates):
                     _observe_wall(edges, e, p, pose, update, gates.noise, axis)
             continue
         if walls[k] == OF_TWO_WALLS:
@@ -219,11 +225,19 @@ def _best_known_first(edges: Records, joint: Floats) -> Ints:
 
 
 @kernel
-def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> bool:
-    """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together."""
+def _lies_on_too(edges: Records, count: int, e: int, p: Record, wall: int, gates: Gates) -> bool:
+    """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together.
+
+    Not where one of the two has a corner and the other goes on: they stand one before the other.
+    """
     if edges[e].kind != WALL or not related(edges[e]) or overlap(edges[e], p, gates) <= END_MARGIN_M:
         return False
-    return math.isfinite(cost(edges[e], p, gates)) and same_line(edges[wall], edges[e], gates)
+    if not math.isfinite(cost(edges[e], p, gates)) or not same_line(edges[wall], edges[e], gates):
+        return False
+    if stands_before(edges, count, e, p, gates):
+        return False
+    part_ways = turns_where_other_goes_on(edges[wall], edges[e]) or turns_where_other_goes_on(edges[e], edges[wall])
+    return not part_ways or abs(above(edges[e], p.x, p.y)) <= gates.offset
 
 
 @kernel
@@ -283,7 +297,7 @@ def _may_be_of_two_faces(p: Record, wall: Record, t: float, noise: float) -> boo
 
     Where it shares a corner with the next piece, both faces are told apart. In the middle of a wall there is no other.
     """
-    if noise <= UNSURE_DIRECTION * math.sqrt(p.spread) or p.label[0] == NOMINAL or p.label[1] == NOMINAL:
+    if not is_unsure(p, noise) or p.label[0] == NOMINAL or p.label[1] == NOMINAL:
         return False
     margin = 0.5 * (p.end[1] - p.end[0])
     return bool(t + p.end[0] < tip_at(wall, 0) + margin or t + p.end[1] > tip_at(wall, 1) - margin)

@@ -117,6 +117,29 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
     assert found.tolist() == [0 if taken else -1]
 
 
+@pytest.mark.parametrize(
+    ("wall_mm", "other_mm", "other_x", "spread", "taken"),
+    [
+        (40.0, 6.0, 3.5, 0.01, False),
+        (40.0, 6.0, 5.5, 0.01, True),  # what is known is too far to tell where the wall is
+        (40.0, 40.0, 3.5, 0.01, True),  # the other wall is known no better
+        (20.0, 6.0, 3.5, 0.01, True),  # the robot knows where the wall is
+        (40.0, 6.0, 3.5, 1.0, True),  # the piece tells its direction
+    ],
+)
+def test_a_few_beams_at_an_uncertain_wall_are_of_none_where_a_known_one_goes_by(
+    wall_mm: float, other_mm: float, other_x: float, spread: float, taken: bool
+) -> None:
+    """Beams on the back of a shelf, between the two known ends of a wall, moved a robot by 60 mm."""
+    walls, piece = walls_of(2, 1.0), np.zeros(1, PIECE)
+    walls["relative"] = [((0.001 * sd) ** 2, 0.0, 0.001**2) for sd in (wall_mm, other_mm)]
+    walls["x"][1], walls["y"][1], walls["tip"][1] = other_x, 0.01, [(other_x - 1.0, 0.01), (other_x + 1.0, 0.01)]
+    piece["hits"], piece["x"], piece["y"], piece["ux"], piece["spread"] = 2.0, 1.7, 0.05, 1.0, spread
+    piece["end"], piece["label"], piece["link"] = (-0.15, 0.15), OCCLUSION, -1
+    found = associate(walls, 2, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1))
+    assert found.tolist() == [0 if taken else -1]
+
+
 @pytest.mark.parametrize("sd_m", [0.01, 0.0])
 @pytest.mark.parametrize(
     ("label", "ends_m", "hits_m", "from_m", "taken"),

@@ -258,3 +258,22 @@ def test_whether_a_new_face_lies_on_the_axis_is_asked_of_the_heading_as_this_sca
         found_deg.append(math.degrees(shift[2]))
     assert found_deg[0] == pytest.approx(1.0, abs=0.1)
     assert found_deg[1] == pytest.approx(found_deg[0], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("label", "before_m", "moved_m"), [(OCCLUSION, 0.06, 0.06), (NOMINAL, 0.06, 0.0), (NOMINAL, 0.01, 0.01)]
+)
+def test_a_wall_is_not_moved_onto_the_back_of_a_shelf_before_it(label: int, before_m: float, moved_m: float) -> None:
+    """Both were on one line within what was known of the wall; but the shelf has a corner where the wall goes on."""
+    edges, joint, pieces = two_walls_ahead()
+    wall, shelf = edges[0], edges[1]
+    wall["tip"] = [(3.0, 2.0), (-3.0, 2.0)]
+    shelf["y"], shelf["tip"] = 2.0 - before_m, [(2.5, 2.0 - before_m), (1.5, 2.0 - before_m)]
+    shelf["label"] = label, OCCLUSION
+    joint[:3] = joint[:, :3] = joint[BEGIN : BEGIN + 3] = joint[:, BEGIN : BEGIN + 3] = 0.0
+    joint[row_of(0), row_of(0)] = 0.04**2
+    relate(edges, 2, joint, POSE)
+    pieces, shift, unbound = pieces[1:], np.zeros(len(joint)), Axis(0.0, math.inf)
+    pieces["y"], pieces["end"], pieces["label"] = shelf["y"], (-0.4, 0.4), OCCLUSION
+    correct_pose(edges, 2, pieces, np.array([1]), POSE, joint, shift, unbound, Gates(NOISE, OFFSET_GATE_M))
+    assert shift[row_of(0)] == pytest.approx(moved_m, abs=0.002)
