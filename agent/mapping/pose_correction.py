@@ -228,7 +228,7 @@ def _best_known_first(edges: Records, joint: Floats) -> Ints:
 def _lies_on_too(edges: Records, count: int, e: int, p: Record, wall: int, gates: Gates) -> bool:
     """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together.
 
-    Not where one of the two has a corner and the other goes on: they stand one before the other.
+    Not where one of the two has a corner and the other goes on: they may stand one before the other.
     """
     if edges[e].kind != WALL or not related(edges[e]) or overlap(edges[e], p, gates) <= END_MARGIN_M:
         return False
