@@ -148,26 +148,36 @@ def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
         return False
     if not related(e) or direction_sd(e, gates.noise) > LOST_RAD:
         return False
-    return _turns_inside(p, e, t + p.end[0], t + p.end[1])
-
-
-@kernel
-def _turns_inside(x: Record, e: Record, tail: float, head: float) -> bool:
-    """Whether a piece or wall x, whose ends are so many metres along wall e, has a corner where that goes on."""
-    low, high = tip_at(e, 0) + GOES_ON_M, tip_at(e, 1) - GOES_ON_M
-    return bool((x.label[0] == NOMINAL and low < tail < high) or (x.label[1] == NOMINAL and low < head < high))
+    for side in range(2):
+        corner = t + p.end[side]
+        if p.label[side] == NOMINAL and tip_at(e, 0) + GOES_ON_M < corner < tip_at(e, 1) - GOES_ON_M:
+            return True
+    return False
 
 
 @kernel
 def turns_where_other_goes_on(w: Record, e: Record) -> bool:
-    """Whether wall w has a corner where wall e goes on."""
+    """Whether wall w has a corner where wall e goes on, other than a corner of e that is displaced along the wall."""
+    for side in range(2):
+        corner = along(e, w.tip[side, 0], w.tip[side, 1])
+        inside = tip_at(e, 0) + GOES_ON_M < corner < tip_at(e, 1) - GOES_ON_M
+        displaced = GOES_ON_M + NOISE_SIGMAS * e.tip_sd[side]
+        is_own = e.label[side] == NOMINAL and abs(corner - tip_at(e, side)) <= displaced
+        if w.label[side] == NOMINAL and inside and not is_own:
+            return True
+    return False
+
+
+@kernel
+def _shared_by_walls(w: Record, e: Record) -> float:
+    """Length that wall w lies beside wall e, metres; negative is a gap."""
     tail, head = along(e, w.tip[0, 0], w.tip[0, 1]), along(e, w.tip[1, 0], w.tip[1, 1])
-    return _turns_inside(w, e, tail, head)
+    return float(min(head, tip_at(e, 1)) - max(tail, tip_at(e, 0)))
 
 
 @kernel
 def _may_be_before(edges: Records, count: int, e: int, p: Record, gates: Gates) -> bool:
-    """Whether an unsure piece is at an uncertain wall, and a known one that faces the same way goes by there.
+    """Whether an unsure piece is at an uncertain wall, and a known one that faces the same way goes by beyond its end.
 
     In `pal_home_w` a robot knew one end of a wall to 40 mm, the other to 6, and the back of a shelf between them showed
     a few beams: they moved the robot onto it, by 60 mm, and half of its map with it. Where nothing is known beside,
@@ -182,6 +192,8 @@ def _may_be_before(edges: Records, count: int, e: int, p: Record, gates: Gates) 
         w = edges[f]
         if f == e or w.kind != WALL or not related(w) or not _faces(w, p):
             continue
+        if _shared_by_walls(w, edges[e]) > GOES_ON_M:
+            continue  # the same wall once more, which such pieces bring together with it
         t = along(w, p.x, p.y)
         is_near = _shared(w, p, t) > -BESIDE_M and abs(above(w, p.x, p.y)) <= gates.offset + NOISE_SIGMAS * sd
         if is_near and line_sd(w, t, gates.noise) <= KNOWN_M:

@@ -125,6 +125,7 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
         (40.0, 40.0, 3.5, 0.01, True),  # the other wall is known no better
         (20.0, 6.0, 3.5, 0.01, True),  # the robot knows where the wall is
         (40.0, 6.0, 3.5, 1.0, True),  # the piece tells its direction
+        (40.0, 6.0, 1.0, 0.01, True),  # it is the same wall, mapped twice
     ],
 )
 def test_a_few_beams_at_an_uncertain_wall_are_of_none_where_a_known_one_goes_by(

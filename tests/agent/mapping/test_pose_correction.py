@@ -260,20 +260,35 @@ def test_whether_a_new_face_lies_on_the_axis_is_asked_of_the_heading_as_this_sca
     assert found_deg[1] == pytest.approx(found_deg[0], abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("label", "before_m", "moved_m"), [(OCCLUSION, 0.06, 0.06), (NOMINAL, 0.06, 0.0), (NOMINAL, 0.01, 0.01)]
-)
-def test_a_wall_is_not_moved_onto_the_back_of_a_shelf_before_it(label: int, before_m: float, moved_m: float) -> None:
-    """Both were on one line within what was known of the wall; but the shelf has a corner where the wall goes on."""
+def moved_onto(before_m: float, tail_m: float, label: int, end: int = OCCLUSION, end_sd_m: float = 0.0) -> float:
+    """By how much a wall from x = 3 to -3 m, known to 40 mm, moves onto another one before it, which a piece shows.
+
+    That begins at x = tail_m, with an end of this label. end, end_sd_m: label of the wall's own end at 3 m, and how well
+    that is known along the wall.
+    """
     edges, joint, pieces = two_walls_ahead()
-    wall, shelf = edges[0], edges[1]
-    wall["tip"] = [(3.0, 2.0), (-3.0, 2.0)]
-    shelf["y"], shelf["tip"] = 2.0 - before_m, [(2.5, 2.0 - before_m), (1.5, 2.0 - before_m)]
-    shelf["label"] = label, OCCLUSION
+    wall, other = edges[0], edges[1]
+    wall["tip"], wall["label"] = [(3.0, 2.0), (-3.0, 2.0)], (end, OCCLUSION)
+    other["y"], other["tip"] = 2.0 - before_m, [(tail_m, 2.0 - before_m), (1.5, 2.0 - before_m)]
+    other["label"] = label, OCCLUSION
     joint[:3] = joint[:, :3] = joint[BEGIN : BEGIN + 3] = joint[:, BEGIN : BEGIN + 3] = 0.0
     joint[row_of(0), row_of(0)] = 0.04**2
     relate(edges, 2, joint, POSE)
+    wall["tip_sd"][0] = end_sd_m
     pieces, shift, unbound = pieces[1:], np.zeros(len(joint)), Axis(0.0, math.inf)
-    pieces["y"], pieces["end"], pieces["label"] = shelf["y"], (-0.4, 0.4), OCCLUSION
+    pieces["y"], pieces["end"], pieces["label"] = other["y"], (-0.4, 0.4), OCCLUSION
     correct_pose(edges, 2, pieces, np.array([1]), POSE, joint, shift, unbound, Gates(NOISE, OFFSET_GATE_M))
-    assert shift[row_of(0)] == pytest.approx(moved_m, abs=0.002)
+    return float(shift[row_of(0)])
+
+
+def test_a_wall_is_not_moved_onto_the_back_of_a_shelf_before_it() -> None:
+    """Both were on one line within what was known of the wall; but the shelf has a corner where the wall goes on."""
+    assert moved_onto(0.06, 2.5, NOMINAL) == 0.0
+    assert moved_onto(0.06, 2.5, OCCLUSION) == pytest.approx(0.06, abs=0.002)
+    assert moved_onto(0.01, 2.5, NOMINAL) == pytest.approx(0.01, abs=0.002)
+
+
+def test_a_wall_mapped_twice_comes_together_though_its_corner_is_displaced_along_it() -> None:
+    assert moved_onto(0.05, 2.85, NOMINAL, NOMINAL, 0.03) == pytest.approx(0.05, abs=0.002)
+    assert moved_onto(0.05, 2.85, NOMINAL, NOMINAL, 0.003) == 0.0  # known too well for that
+    assert moved_onto(0.05, 2.85, NOMINAL, OCCLUSION, 0.03) == 0.0  # no corner there
