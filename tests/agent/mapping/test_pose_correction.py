@@ -263,8 +263,8 @@ def test_whether_a_new_face_lies_on_the_axis_is_asked_of_the_heading_as_this_sca
 def moved_onto(before_m: float, tail_m: float, label: int, end: int = OCCLUSION, end_sd_m: float = 0.0) -> float:
     """By how much a wall from x = 3 to -3 m, known to 40 mm, moves onto another one before it, which a piece shows.
 
-    That begins at x = tail_m, with an end of this label. end, end_sd_m: label of the wall's own end at 3 m, and how well
-    that is known along the wall.
+    That begins at x = tail_m, with an end of this label. end, end_sd_m: label of the wall's own end at 3 m, and how
+    well that is known along the wall.
     """
     edges, joint, pieces = two_walls_ahead()
     wall, other = edges[0], edges[1]
