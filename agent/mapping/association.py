@@ -12,7 +12,7 @@ import numpy as np
 from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, piece_sd
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.edges import WALL, direction_sd, line_sd, related, spread, tip_at
+from agent.mapping.edges import WALL, direction_sd, line_sd, related, shared_length, spread, tip_at
 from protocol.arrays import Floats, Ints, Records
 
 FACING = 0.7  # cosine of 46 degrees: what is turned farther is another wall, and no sine is worked out for it
@@ -150,9 +150,15 @@ def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
         return False
     for side in range(2):
         corner = t + p.end[side]
-        if p.label[side] == NOMINAL and tip_at(e, 0) + GOES_ON_M < corner < tip_at(e, 1) - GOES_ON_M:
+        if p.label[side] == NOMINAL and _goes_on(e, corner):
             return True
     return False
+
+
+@kernel
+def _goes_on(e: Record, t: float) -> bool:
+    """Whether a wall goes on to both sides of coordinate t along it."""
+    return bool(tip_at(e, 0) + GOES_ON_M < t < tip_at(e, 1) - GOES_ON_M)
 
 
 @kernel
@@ -160,19 +166,11 @@ def turns_where_other_goes_on(w: Record, e: Record) -> bool:
     """Whether wall w has a corner where wall e goes on, other than a corner of e that is displaced along the wall."""
     for side in range(2):
         corner = along(e, w.tip[side, 0], w.tip[side, 1])
-        inside = tip_at(e, 0) + GOES_ON_M < corner < tip_at(e, 1) - GOES_ON_M
         displaced = GOES_ON_M + NOISE_SIGMAS * e.tip_sd[side]
         is_own = e.label[side] == NOMINAL and abs(corner - tip_at(e, side)) <= displaced
-        if w.label[side] == NOMINAL and inside and not is_own:
+        if w.label[side] == NOMINAL and _goes_on(e, corner) and not is_own:
             return True
     return False
-
-
-@kernel
-def _shared_by_walls(w: Record, e: Record) -> float:
-    """Length that wall w lies beside wall e, metres; negative is a gap."""
-    tail, head = along(e, w.tip[0, 0], w.tip[0, 1]), along(e, w.tip[1, 0], w.tip[1, 1])
-    return float(min(head, tip_at(e, 1)) - max(tail, tip_at(e, 0)))
 
 
 @kernel
@@ -192,7 +190,7 @@ def _may_be_before(edges: Records, count: int, e: int, p: Record, gates: Gates) 
         w = edges[f]
         if f == e or w.kind != WALL or not related(w) or not _faces(w, p):
             continue
-        if _shared_by_walls(w, edges[e]) > GOES_ON_M:
+        if shared_length(edges[e], w) > GOES_ON_M:
             continue  # the same wall once more, which such pieces bring together with it
         t = along(w, p.x, p.y)
         is_near = _shared(w, p, t) > -BESIDE_M and abs(above(w, p.x, p.y)) <= gates.offset + NOISE_SIGMAS * sd

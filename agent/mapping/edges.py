@@ -131,6 +131,13 @@ def length(e: Record) -> float:
 
 
 @kernel
+def shared_length(e: Record, f: Record) -> float:
+    """Length that two walls have beside each other, along the first one, metres; negative is a gap."""
+    high = min(tip_at(e, 1), along(e, f.tip[1, 0], f.tip[1, 1]))
+    return high - max(tip_at(e, 0), along(e, f.tip[0, 0], f.tip[0, 1]))
+
+
+@kernel
 def spread(e: Record) -> float:
     """Sum of squared distances of the hits from the centroid along the wall, m2."""
     return max(e.xx * e.ux * e.ux + 2 * e.xy * e.ux * e.uy + e.yy * e.uy * e.uy, 1e-9)

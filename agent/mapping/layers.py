@@ -13,11 +13,22 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
-from agent.geometry.lines import Record, along
+from agent.geometry.lines import along
 from agent.geometry.poles import find_poles
 from agent.kernels import kernel
 from agent.mapping.association import BEST, Gates, associate
-from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, is_published, remove, set_end, set_tip, tip_at
+from agent.mapping.edges import (
+    FREE,
+    MIN_WALL_M,
+    PUBLISH_AFTER,
+    WALL,
+    is_published,
+    remove,
+    set_end,
+    set_tip,
+    shared_length,
+    tip_at,
+)
 from agent.mapping.scan_merge import ALWAYS, merge_scan
 from agent.mapping.uncut import uncut
 from protocol.arrays import Bools, Floats, Records
@@ -135,7 +146,7 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
         was = own[k]
         if not is_published(was):
             continue
-        if edges[k].kind != WALL or edges[k].own == 0 or _shared(edges[k], was) < MIN_WALL_M:
+        if edges[k].kind != WALL or edges[k].own == 0 or shared_length(edges[k], was) < MIN_WALL_M:
             edges[k].own = 0
             edges[count] = was
             for side in range(2):
@@ -160,13 +171,6 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
             set_tip(e, side, end)
             count += 1
     return count
-
-
-@kernel
-def _shared(e: Record, was: Record) -> float:
-    """Length that a wall has in common with what it was, metres; negative is a gap."""
-    high = min(tip_at(e, 1), along(e, was.tip[1, 0], was.tip[1, 1]))
-    return high - max(tip_at(e, 0), along(e, was.tip[0, 0], was.tip[0, 1]))
 
 
 @kernel
